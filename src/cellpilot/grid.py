@@ -1,0 +1,107 @@
+"""The grid: positions, cells and metres, and the moves between cells.
+
+A *position* is the triple `(ix, iy, iz)`; a *cell* is the same place as one integer, counted through `(z, y, x)`
+as a dataset is laid out. Nothing outside this file and `World` translates between the two.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cellpilot.errors import InputError
+
+ACTIONS = ("north", "south", "east", "west", "up", "down")
+"""Names of the actions in their order; a two-dimensional task uses the first four."""
+
+MOVES = np.array([(0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)])
+"""Step `(dx, dy, dz)` in cells of each action."""
+
+IntArray = NDArray[np.int32]
+Position = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cell centres along each axis [m, local, increasing]: x east, y north, z up."""
+
+    x_m: tuple[float, ...]
+    y_m: tuple[float, ...]
+    z_m: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if self.n_cells < 2:
+            raise InputError(f"the grid has {self.n_cells} cell(s); a flight needs at least 2: use a larger area or smaller bins")
+
+    @cached_property
+    def sides(self) -> Position:
+        """Number of cells along x, y and z."""
+        return len(self.x_m), len(self.y_m), len(self.z_m)
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells in all."""
+        nx, ny, nz = self.sides
+        return nx * ny * nz
+
+    @property
+    def n_dimensions(self) -> int:
+        """2 for one height, 3 for several."""
+        return 2 if len(self.z_m) == 1 else 3
+
+    @property
+    def n_actions(self) -> int:
+        """4 moves on one height, 6 on several."""
+        return 2 * self.n_dimensions
+
+    def cell(self, position: ArrayLike) -> IntArray:
+        """Cell numbers of positions `[..., 3]`."""
+        nx, ny, _ = self.sides
+        ix, iy, iz = np.moveaxis(np.asarray(position), -1, 0)
+        return np.asarray((iz * ny + iy) * nx + ix, dtype=np.int32)
+
+    def position(self, cell: ArrayLike) -> IntArray:
+        """Positions `[..., 3]` of cell numbers."""
+        nx, ny, _ = self.sides
+        cell = np.asarray(cell)
+        return np.stack([cell % nx, cell // nx % ny, cell // (nx * ny)], axis=-1).astype(np.int32)
+
+    def metres(self, cell: ArrayLike) -> NDArray[np.float64]:
+        """Centres `[..., 3]` of cells as (x, y, z) [m]."""
+        ix, iy, iz = np.moveaxis(self.position(cell), -1, 0)
+        return np.stack([np.asarray(self.x_m)[ix], np.asarray(self.y_m)[iy], np.asarray(self.z_m)[iz]], axis=-1)
+
+    def nearest_position(self, point_m: tuple[float, float, float]) -> Position:
+        """Position of the cell that contains the point `(x, y, z)` [m]; `InputError` outside the map."""
+        found = []
+        for name, value, centres in zip("xyz", point_m, (self.x_m, self.y_m, self.z_m), strict=True):
+            axis = np.asarray(centres)
+            half = (axis[1] - axis[0]) / 2 if axis.size > 1 else np.inf
+            index = int(np.abs(axis - value).argmin())
+            if abs(axis[index] - value) > half * (1 + 1e-9):
+                raise InputError(f"{name} = {value:g} m lies outside the map ({axis[0] - half:g} to {axis[-1] + half:g} m)")
+            found.append(index)
+        return found[0], found[1], found[2]
+
+    def check_position(self, position: tuple[int, ...], what: str) -> Position:
+        """The position itself if it lies on the grid, else `InputError` naming `what`."""
+        if len(position) != 3 or any(not 0 <= i < n for i, n in zip(position, self.sides, strict=True)):
+            raise InputError(f"{what} {position} is not on the grid: expected ix,iy,iz with 0 <= i < {self.sides}")
+        return position[0], position[1], position[2]
+
+    def next_cells(self, blocked: NDArray[np.bool_]) -> tuple[IntArray, NDArray[np.bool_]]:
+        """Where each action leads: `next_cell [n_cells, n_actions]` and whether a blocked cell stopped it.
+
+        A move over the border or into a blocked cell leaves the drone where it is.
+        """
+        here = np.arange(self.n_cells, dtype=np.int32)[:, None]
+        target = self.position(here[:, 0])[:, None, :] + MOVES[None, : self.n_actions]
+        inside = ((target >= 0) & (target < np.asarray(self.sides))).all(-1)
+        wanted = np.where(inside, self.cell(np.where(inside[..., None], target, 0)), here)
+        stopped = blocked[wanted] & inside
+        return np.where(stopped, here, wanted).astype(np.int32), stopped
+
+    def manhattan(self, cell: ArrayLike, goal: ArrayLike) -> IntArray:
+        """Number of moves between cells where nothing is blocked."""
+        return np.abs(self.position(cell) - self.position(goal)).sum(-1).astype(np.int32)

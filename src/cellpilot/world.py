@@ -1,0 +1,80 @@
+"""`World`: the facts of one place, as arrays over cells. No JAX here; `envs` registers it as a pytree."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.special import ndtr
+
+from cellpilot.errors import InputError
+from cellpilot.grid import Grid, IntArray
+
+
+@dataclass(frozen=True)
+class World:
+    """What is true of every cell of a grid, in the order of `Grid.cell`.
+
+    Unknown SINR in a blocked cell is NaN; a free cell always has a value. SINR is float32 here and everywhere
+    below, so that compiled and plain code compare the same number with the threshold.
+    """
+
+    grid: Grid
+    sinr_db: NDArray[np.float32]  # [n_cells] mean SINR
+    sinr_std_db: NDArray[np.float32]  # [n_cells] what is not known about the map: drawn once per world
+    noise_std_db: float  # drawn anew at every step
+    blocked: NDArray[np.bool_]  # [n_cells]
+    serving_sector: IntArray | None = None  # [n_cells] index of the serving sector, -1 where unknown
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.noise_std_db) or self.noise_std_db < 0:
+            raise InputError(f"noise_std_db is {self.noise_std_db:g}; expected a finite value >= 0 dB")
+        if np.isnan(self.sinr_db[~self.blocked]).any():
+            raise InputError("a free cell has no SINR: fill the map or block its unknown cells")
+        if not self.free_cells.size:
+            raise InputError("no connected pair of free cells: fly over more of the area or fill the map (--map.fill-radius-m)")
+
+    @cached_property
+    def _moves(self) -> tuple[IntArray, NDArray[np.bool_]]:
+        return self.grid.next_cells(self.blocked)
+
+    @property
+    def next_cell(self) -> IntArray:
+        """Cell after each action, `[n_cells, n_actions]`."""
+        return self._moves[0]
+
+    @property
+    def stopped(self) -> NDArray[np.bool_]:
+        """Whether a blocked cell stops the action, `[n_cells, n_actions]`."""
+        return self._moves[1]
+
+    @cached_property
+    def part(self) -> IntArray:
+        """Connected part of each cell, `[n_cells]`: equal numbers can reach each other; -1 in blocked cells."""
+        source = np.repeat(np.arange(self.grid.n_cells), self.grid.n_actions)
+        target = self.next_cell.ravel()
+        keep = ~self.blocked[source]
+        links = coo_array((np.ones(keep.sum()), (source[keep], target[keep])), shape=(self.grid.n_cells,) * 2)
+        labels = connected_components(links, directed=False)[1]
+        return np.where(self.blocked, -1, labels).astype(np.int32)
+
+    @cached_property
+    def free_cells(self) -> IntArray:
+        """Free cells that share their part with another one: every start and goal is drawn from these."""
+        size = np.bincount(self.part[self.part >= 0], minlength=1)
+        usable = (self.part >= 0) & (size[np.maximum(self.part, 0)] > 1)
+        return np.flatnonzero(usable).astype(np.int32)
+
+    def low_probability(self, threshold_db: float) -> NDArray[np.float64]:
+        """Chance `[n_cells]` that one measurement in the cell falls below the threshold.
+
+        Q((sinr - threshold) / sqrt(noise^2 + map uncertainty^2)); 0 or 1 where both are zero; NaN in blocked cells
+        of unknown SINR.
+        """
+        margin_db = self.sinr_db.astype(np.float64) - threshold_db
+        spread_db = np.hypot(self.noise_std_db, self.sinr_std_db.astype(np.float64))
+        certain = spread_db == 0
+        chance = np.where(certain, (margin_db < 0).astype(float), ndtr(-margin_db / np.where(certain, 1.0, spread_db)))
+        return np.where(np.isnan(margin_db), np.nan, chance)
