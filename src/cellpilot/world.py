@@ -2,15 +2,19 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.special import ndtr
 
 from cellpilot.errors import InputError
-from cellpilot.grid import Grid, IntArray
+from cellpilot.grid import Grid, IntArray, Position
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,16 @@ class World:
     noise_std_db: float  # drawn anew at every step
     blocked: NDArray[np.bool_]  # [n_cells]
     serving_sector: IntArray | None = None  # [n_cells] index of the serving sector, -1 where unknown
+
+    @classmethod
+    def from_map(cls, radio_map: "Dataset", noise_std_db: float = 0.0) -> "World":
+        """The world of a `RadioMap`; a free cell of unknown SINR (`unknown = "bad"`) counts as below any threshold."""
+        grid = Grid(*(tuple(float(v) for v in radio_map[axis].values) for axis in "xyz"))
+        blocked = radio_map["blocked"].values.ravel()
+        sinr_db = radio_map["sinr_db"].values.ravel().astype(np.float32)
+        std_db = np.nan_to_num(radio_map["sinr_std_db"].values.ravel()).astype(np.float32)
+        serving = radio_map["serving_sector"].values.ravel().astype(np.int32) if "serving_sector" in radio_map else None
+        return cls(grid, np.where(np.isnan(sinr_db) & ~blocked, -np.inf, sinr_db), std_db, noise_std_db, blocked, serving)
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.noise_std_db) or self.noise_std_db < 0:
@@ -51,13 +65,17 @@ class World:
         return self._moves[1]
 
     @cached_property
-    def part(self) -> IntArray:
-        """Connected part of each cell, `[n_cells]`: equal numbers can reach each other; -1 in blocked cells."""
+    def _links(self) -> csr_array:
+        """Sparse adjacency of the free cells."""
         source = np.repeat(np.arange(self.grid.n_cells), self.grid.n_actions)
         target = self.next_cell.ravel()
-        keep = ~self.blocked[source]
-        links = coo_array((np.ones(keep.sum()), (source[keep], target[keep])), shape=(self.grid.n_cells,) * 2)
-        labels = connected_components(links, directed=False)[1]
+        keep = ~self.blocked[source] & (source != target)
+        return coo_array((np.ones(keep.sum()), (source[keep], target[keep])), shape=(self.grid.n_cells,) * 2).tocsr()
+
+    @cached_property
+    def part(self) -> IntArray:
+        """Connected part of each cell, `[n_cells]`: equal numbers can reach each other; -1 in blocked cells."""
+        labels = connected_components(self._links, directed=False)[1]
         return np.where(self.blocked, -1, labels).astype(np.int32)
 
     @cached_property
@@ -66,6 +84,31 @@ class World:
         size = np.bincount(self.part[self.part >= 0], minlength=1)
         usable = (self.part >= 0) & (size[np.maximum(self.part, 0)] > 1)
         return np.flatnonzero(usable).astype(np.int32)
+
+    def shortest_steps(self, goals: IntArray) -> NDArray[np.float32]:
+        """Moves on a shortest allowed path from every cell to each goal, `[n_cells, goals]`; inf where there is none."""
+        if not self.blocked.any():
+            return self.grid.manhattan(np.arange(self.grid.n_cells)[:, None], goals[None, :]).astype(np.float32)
+        return dijkstra(self._links, directed=False, indices=goals, unweighted=True).T.astype(np.float32)
+
+    def start_goal_cells(self, start: Position | None = None, goal: Position | None = None) -> tuple[IntArray, IntArray]:
+        """Cells a flight may start in and end in: all free cells, or the one given; `InputError` if it is unusable."""
+        starts, goals = self.free_cells, self.free_cells
+        if start is not None:
+            starts = self._usable(start, "start")
+        if goal is not None:
+            goals = self._usable(goal, "goal")
+        if start is not None and start == goal:
+            raise InputError(f"start and goal are both {start}; choose two different cells")
+        if not np.isin(self.part[starts], self.part[goals]).any():
+            raise InputError(f"no route from {start} to {goal}: blocked cells cut them apart")
+        return starts, goals
+
+    def _usable(self, position: Position, what: str) -> IntArray:
+        cell = self.grid.cell(self.grid.check_position(position, what))
+        if not np.isin(cell, self.free_cells):
+            raise InputError(f"the {what} {position} is blocked or cut off: choose a free cell")
+        return cell.reshape(1)
 
     def low_probability(self, threshold_db: float) -> NDArray[np.float64]:
         """Chance `[n_cells]` that one measurement in the cell falls below the threshold.

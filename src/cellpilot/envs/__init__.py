@@ -1,0 +1,1 @@
+"""The compiled environment: one step, one flight and many."""

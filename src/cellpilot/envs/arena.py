@@ -1,0 +1,91 @@
+"""`Arena`: what compiled code needs of a `World`, and the draw of a start and a goal."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from cellpilot.grid import Position
+from cellpilot.world import World
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Arena:
+    """A world on the device; every field is an array, so another world of the same size needs no new compilation."""
+
+    sinr_db: Float[Array, " cells"]
+    sinr_std_db: Float[Array, " cells"]
+    noise_std_db: Float[Array, ""]
+    next_cell: Int[Array, "cells actions"]
+    stopped: Bool[Array, "cells actions"]
+    coordinates: Float[Array, "cells dimensions"]  # network input: position counted from 1, divided by the side
+    start_cells: Int[Array, " starts"]  # possible starts, grouped by connected part
+    goal_cells: Int[Array, " goals"]  # possible goals, grouped by connected part
+    part_chance: Float[Array, " parts"]  # share of all start-goal pairs that lies in each part
+    start_offset: Int[Array, " parts"]
+    start_count: Int[Array, " parts"]
+    goal_offset: Int[Array, " parts"]
+    goal_count: Int[Array, " parts"]
+
+
+def make_arena(world: World, start: Position | None = None, goal: Position | None = None) -> Arena:
+    """The arena of a world; starts and goals are all free cells unless one is given.
+
+    `InputError` for a given cell that is blocked or cut off, or a start and a goal that cannot reach each other.
+    """
+    starts, goals = world.start_goal_cells(start, goal)
+    parts = np.intersect1d(world.part[starts], world.part[goals])
+    starts, start_offset, start_count = _grouped(starts, world.part, parts)
+    goals, goal_offset, goal_count = _grouped(goals, world.part, parts)
+    shared = np.array([np.isin(starts[o : o + n], goals).sum() for o, n in zip(start_offset, start_count, strict=True)])
+    pairs = start_count * goal_count - shared
+    grid = world.grid
+    position = grid.position(np.arange(grid.n_cells))[:, : grid.n_dimensions]
+    return Arena(
+        sinr_db=jnp.asarray(world.sinr_db, jnp.float32),
+        sinr_std_db=jnp.asarray(world.sinr_std_db, jnp.float32),
+        noise_std_db=jnp.asarray(world.noise_std_db, jnp.float32),
+        next_cell=jnp.asarray(world.next_cell),
+        stopped=jnp.asarray(world.stopped),
+        coordinates=jnp.asarray((position + 1) / np.asarray(grid.sides[: grid.n_dimensions]), jnp.float32),
+        start_cells=jnp.asarray(starts),
+        goal_cells=jnp.asarray(goals),
+        part_chance=jnp.asarray(pairs / pairs.sum(), jnp.float32),
+        start_offset=jnp.asarray(start_offset),
+        start_count=jnp.asarray(start_count),
+        goal_offset=jnp.asarray(goal_offset),
+        goal_count=jnp.asarray(goal_count),
+    )
+
+
+def draw_start_and_goal(key: Array, arena: Arena) -> tuple[Int[Array, ""], Int[Array, ""]]:
+    """Start and goal, uniform over all pairs of different cells that can reach each other (equation 4.6)."""
+    key_part, key_pair = jax.random.split(key)
+    part = jnp.searchsorted(jnp.cumsum(arena.part_chance), jax.random.uniform(key_part), side="right")
+    part = jnp.minimum(part, arena.part_chance.size - 1)
+
+    def draw(key: Array) -> tuple[Int[Array, ""], Int[Array, ""]]:
+        key_start, key_goal = jax.random.split(key)
+        start = arena.start_offset[part] + jax.random.randint(key_start, (), 0, arena.start_count[part])
+        goal = arena.goal_offset[part] + jax.random.randint(key_goal, (), 0, arena.goal_count[part])
+        return arena.start_cells[start], arena.goal_cells[goal]
+
+    def equal(carry: tuple[Array, Array, Array]) -> Array:
+        return carry[1] == carry[2]
+
+    def again(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        key, subkey = jax.random.split(carry[0])
+        return key, *draw(subkey)
+
+    key, subkey = jax.random.split(key_pair)
+    return jax.lax.while_loop(equal, again, (key, *draw(subkey)))[1:]
+
+
+def _grouped(cells: np.ndarray, part: np.ndarray, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    cells = cells[np.isin(part[cells], parts)]
+    cells = cells[np.argsort(part[cells], kind="stable")]
+    count = np.array([(part[cells] == p).sum() for p in parts], dtype=np.int32)
+    return cells.astype(np.int32), (np.cumsum(count) - count).astype(np.int32), count

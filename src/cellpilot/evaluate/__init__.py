@@ -1,0 +1,6 @@
+"""Evaluation: the same start-goal pairs for every policy, all of them exactly or a sample with intervals."""
+
+from cellpilot.evaluate.evaluation import Evaluation, evaluate
+from cellpilot.evaluate.metrics import METRICS
+
+__all__ = ["METRICS", "Evaluation", "evaluate"]

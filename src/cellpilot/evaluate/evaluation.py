@@ -1,0 +1,143 @@
+"""Evaluate policies on one world and task: exhaustively where that is possible, and on sampled flights."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cellpilot.evaluate.exact import exact_summary
+from cellpilot.evaluate.flights import FlightRecords, Visits, fly
+from cellpilot.evaluate.instances import Instances, count_pairs, sample_pairs
+from cellpilot.evaluate.metrics import METRICS
+from cellpilot.evaluate.statistics import mean_interval, ratio_interval, share_interval
+from cellpilot.evaluate.summary import Summary, summarise
+from cellpilot.grid import IntArray, Position
+from cellpilot.policies import Policy
+from cellpilot.task import Task
+from cellpilot.world import World
+
+MAX_EXHAUSTIVE_PAIRS = 5_000_000
+GOALS_AT_ONCE = 40
+FLAT = 1e-6
+"""Below this difference of return between optimum and baseline there is nothing to score."""
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Metrics by policy name, and the sampled flights behind the distributions."""
+
+    exhaustive: bool
+    n_pairs: int
+    unreachable_pairs: int
+    policies: dict[str, dict[str, Any]]  # exhaustive if `exhaustive`, else the sampled ones
+    sampled: dict[str, dict[str, Any]]
+    flights: dict[str, FlightRecords] = field(repr=False)
+    sinr_histogram: dict[str, np.ndarray] = field(repr=False)  # sampled, [levels + 1]
+
+
+def evaluate(
+    world: World,
+    task: Task,
+    policies: Sequence[Policy],
+    *,
+    seed: int,
+    n_sampled: int = 10_000,
+    start: Position | None = None,
+    goal: Position | None = None,
+    max_exhaustive_pairs: int = MAX_EXHAUSTIVE_PAIRS,
+    progress: Progress = lambda share: None,
+) -> Evaluation:
+    """Fly every policy on the same instances with the same stream of noise.
+
+    Score and regret need policies named `greedy` and `optimal` among them. `progress` is told the share done (0..1).
+    """
+    n_pairs, unreachable = count_pairs(world, start, goal)
+    instances = sample_pairs(np.random.default_rng([seed, 0]), world, n_sampled, start, goal)
+    exhaustive = n_pairs < max_exhaustive_pairs
+    exact, sampled, flights, histograms = {}, {}, {}, {}
+    for i, policy in enumerate(policies):
+        done = lambda share, i=i: progress((i + share) / len(policies))
+        records, visits = sampled_flights(np.random.default_rng([seed, 1]), world, task, policy, instances)
+        flights[policy.name], histograms[policy.name] = records, visits.sinr_histogram
+        sampled[policy.name] = _metrics(summarise(records, visits, world, task, expected=False)) | _intervals(records)
+        if exhaustive:
+            rng = np.random.default_rng([seed, 2])
+            exact[policy.name] = _metrics(exhaustive_summary(rng, world, task, policy, start, goal, done)) | NO_INTERVALS
+        done(1.0)
+    for table in (exact, sampled):
+        add_score(table)
+    return Evaluation(exhaustive, n_pairs, unreachable, exact or sampled, sampled, flights, histograms)
+
+
+def exhaustive_summary(
+    rng: np.random.Generator,
+    world: World,
+    task: Task,
+    policy: Policy,
+    start: Position | None = None,
+    goal: Position | None = None,
+    progress: Progress = lambda share: None,
+) -> Summary:
+    """Exact summary over all pairs, goals in blocks."""
+    _, goals = world.start_goal_cells(start, goal)
+    blocks = [goals[i : i + GOALS_AT_ONCE] for i in range(0, len(goals), GOALS_AT_ONCE)]
+    total: Summary | None = None
+    for k, block in enumerate(blocks):
+        part = exact_summary(rng, world, task, policy, block, start)
+        total = part if total is None else total + part
+        progress((k + 1) / len(blocks))
+    assert total is not None
+    return total
+
+
+def sampled_flights(
+    rng: np.random.Generator, world: World, task: Task, policy: Policy, instances: Instances
+) -> tuple[FlightRecords, Visits]:
+    """One drawn flight per instance, in the order of the instances."""
+    goals, column = np.unique(instances.goal, return_inverse=True)
+    order = np.argsort(column, kind="stable")
+    parts: list[FlightRecords] = []
+    by_cell, histogram = 0.0, 0.0
+    for i in range(0, len(goals), GOALS_AT_ONCE):
+        block: IntArray = goals[i : i + GOALS_AT_ONCE]
+        rows = order[(column[order] >= i) & (column[order] < i + GOALS_AT_ONCE)]
+        probabilities = policy.action_probabilities(block)
+        records, visits = fly(rng, world, task, probabilities, block, instances.start[rows], column[rows] - i)
+        parts.append(records)
+        by_cell, histogram = by_cell + visits.by_cell, histogram + visits.sinr_histogram
+    back = np.argsort(order, kind="stable")
+    joined = FlightRecords.concatenate(parts)
+    in_order = FlightRecords(*(getattr(joined, name)[back] for name in joined.__dataclass_fields__))
+    return in_order, Visits(np.asarray(by_cell), np.asarray(histogram))
+
+
+NO_INTERVALS: dict[str, Any] = {"return_ci95": None, "reached_ci95": None, "low_sinr_ci95": None, "path_ratio_mean_ci95": None}
+
+
+def add_score(table: dict[str, dict[str, Any]]) -> None:
+    """Write `regret_mean` (optimal - policy) and `score` ((policy - greedy)/(optimal - greedy)) into each row.
+
+    The score is not clipped; it is None where optimum and baseline return the same, or where one is missing.
+    """
+    optimal, greedy = (table[name]["return_mean"] if name in table else None for name in ("optimal", "greedy"))
+    for row in table.values():
+        row["regret_mean"] = None if optimal is None else optimal - row["return_mean"]
+        gain = None if optimal is None or greedy is None else optimal - greedy
+        row["score"] = (row["return_mean"] - greedy) / gain if gain is not None and abs(gain) >= FLAT else None
+
+
+def _metrics(summary: Summary) -> dict[str, Any]:
+    return {name: metric.compute(summary) for name, metric in METRICS.items()}
+
+
+def _intervals(records: FlightRecords) -> dict[str, Any]:
+    ratio = records.n_steps[records.reached] / records.shortest_steps[records.reached]
+    return {
+        "return_ci95": mean_interval(records.drawn_return),
+        "reached_ci95": share_interval(records.reached.sum(), len(records.reached)),
+        "low_sinr_ci95": ratio_interval(records.low_steps.astype(float), records.n_steps.astype(float)),
+        "path_ratio_mean_ci95": mean_interval(ratio) if ratio.size else None,
+    }

@@ -1,0 +1,48 @@
+"""Instances: the start-goal pairs that an evaluation flies, every policy the same ones."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellpilot.grid import IntArray, Position
+from cellpilot.world import World
+
+
+@dataclass(frozen=True)
+class Instances:
+    """Pairs of different cells that can reach each other, and how many pairs cannot."""
+
+    start: IntArray  # [flights]
+    goal: IntArray  # [flights]
+    unreachable_pairs: int  # pairs of different free cells in separate parts, counted apart
+
+
+def count_pairs(world: World, start: Position | None = None, goal: Position | None = None) -> tuple[int, int]:
+    """Number of start-goal pairs (different, connected), and of those cut apart by blocked cells."""
+    starts, goals = world.start_goal_cells(start, goal)
+    both = np.intersect1d(starts, goals).size
+    parts = int(world.part.max()) + 1
+    here, there = (np.bincount(world.part[cells], minlength=parts).astype(np.int64) for cells in (starts, goals))
+    connected = int((here * there).sum())
+    return connected - both, len(starts) * len(goals) - connected
+
+
+def all_pairs(world: World, goals: IntArray, start: Position | None = None) -> tuple[IntArray, IntArray]:
+    """Every start for each of these goals, as two arrays `[flights]`."""
+    starts, _ = world.start_goal_cells(start)
+    s, g = (axis.ravel() for axis in np.meshgrid(starts, goals, indexing="ij"))
+    keep = (s != g) & (world.part[s] == world.part[g])
+    return s[keep], g[keep]
+
+
+def sample_pairs(
+    rng: np.random.Generator, world: World, n: int, start: Position | None = None, goal: Position | None = None
+) -> Instances:
+    """`n` pairs drawn uniformly, with replacement, from all pairs that can reach each other."""
+    starts, goals = world.start_goal_cells(start, goal)
+    s, g = np.empty(0, np.int32), np.empty(0, np.int32)
+    while s.size < n:
+        new_s, new_g = rng.choice(starts, 2 * n), rng.choice(goals, 2 * n)
+        keep = (new_s != new_g) & (world.part[new_s] == world.part[new_g])
+        s, g = np.concatenate([s, new_s[keep]]), np.concatenate([g, new_g[keep]])
+    return Instances(s[:n], g[:n], count_pairs(world, start, goal)[1])

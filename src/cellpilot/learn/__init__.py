@@ -1,0 +1,1 @@
+"""Learners: they know the map only through what was measured in flight."""

@@ -1,0 +1,30 @@
+"""Temporal-difference losses with a mathematical definition; every argument `[batch]` or `[batch, actions]`."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+
+def q_learning_target(
+    reward: Float[Array, " batch"],
+    terminated: Bool[Array, " batch"],
+    q_next_online: Float[Array, "batch actions"],
+    q_next_target: Float[Array, "batch actions"],
+    discount: float,
+    double: bool,
+) -> Float[Array, " batch"]:
+    """r + discount x Q_target(s', a'), zero after termination; a flight truncated by the cap bootstraps.
+
+    `double`: a' is the best action of the online network (equation 3.24), else of the target network (3.22).
+    """
+    chooser = q_next_online if double else q_next_target
+    best = jax.nn.one_hot(chooser.argmax(-1), chooser.shape[-1])
+    return reward + discount * jnp.where(terminated, 0.0, (q_next_target * best).sum(-1))
+
+
+def squared_td_error(
+    q: Float[Array, "batch actions"], action: Int[Array, " batch"], target: Float[Array, " batch"]
+) -> Float[Array, ""]:
+    """Mean of (target - Q(s, a))^2; no gradient flows into the target."""
+    taken = (q * jax.nn.one_hot(action, q.shape[-1])).sum(-1)
+    return jnp.square(jax.lax.stop_gradient(target) - taken).mean()

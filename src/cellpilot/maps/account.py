@@ -1,0 +1,91 @@
+"""What became of every line of an imported log, for people to read and for files to keep."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+from cellpilot.errors import InputError
+from cellpilot.maps.schema import RadioMap
+
+ATTRIBUTE = "import_account"
+
+
+@dataclass(frozen=True)
+class LogAccount:
+    """Lines of one log: `rows` = `kept` + `rsrp_rows` + all of `dropped`."""
+
+    file: str  # name without the folder
+    altitude_m: float
+    rows: int  # lines after the header that are not blank
+    kept: int  # a SINR value at a position
+    rsrp_rows: int  # RSRP at a position, no SINR: kept apart, never paired with SINR
+    dropped: Mapping[str, int]  # reason -> lines
+
+
+@dataclass(frozen=True)
+class LevelAccount:
+    """Cells of one height."""
+
+    height_m: float
+    measured: int
+    filled: int
+    blocked: int
+    bad: int  # free, SINR unknown, counted as below every threshold
+
+
+@dataclass(frozen=True)
+class ImportAccount:
+    """Everything an import read, left out and made of it."""
+
+    logs: tuple[LogAccount, ...]
+    masked: int  # samples within the mask
+    mask: tuple[float, float, float] | None  # latitude [deg], longitude [deg], radius [m]
+    mask_found: bool  # the import found it; False: it was given
+    levels: tuple[LevelAccount, ...]
+
+    @property
+    def kept(self) -> int:
+        """SINR samples read, the masked ones included."""
+        return sum(log.kept for log in self.logs)
+
+    def lines(self) -> list[str]:
+        """The account as lines of text."""
+        text = [
+            f"{log.file} at {log.altitude_m:g} m: {log.rows} lines, {log.kept} SINR samples kept, {log.rsrp_rows} with RSRP only"
+            + "".join(f", {count} {reason}" for reason, count in sorted(log.dropped.items()))
+            for log in self.logs
+        ]
+        if self.mask is None:
+            text.append("mask: none")
+        else:
+            latitude_deg, longitude_deg, radius_m = self.mask
+            text.append(
+                f"mask: {self.masked} of {self.kept} samples ({self.masked / self.kept:.1%}) within {radius_m:g} m of"
+                f" {latitude_deg:.6f}, {longitude_deg:.6f} left out ({'hover found' if self.mask_found else 'as given'})"
+            )
+        text += [
+            f"{level.height_m:g} m: {level.measured} cells measured, {level.filled} filled, {level.blocked} blocked"
+            + (f", {level.bad} unknown and counted as bad" if level.bad else "")
+            for level in self.levels
+        ]
+        return text
+
+    def to_json(self) -> str:
+        """One line of JSON that `from_json` reads."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> "ImportAccount":
+        """The account in one line of JSON."""
+        data = json.loads(text)
+        data["logs"] = tuple(LogAccount(**log) for log in data["logs"])
+        data["levels"] = tuple(LevelAccount(**level) for level in data["levels"])
+        data["mask"] = None if data["mask"] is None else tuple(data["mask"])
+        return cls(**data)
+
+
+def account_of(dataset: RadioMap) -> ImportAccount:
+    """The account stored with an imported map; `InputError` for a map that was not imported from logs."""
+    if ATTRIBUTE not in dataset.attrs:
+        raise InputError(f"the map has no attribute {ATTRIBUTE!r}: only maps imported from logs keep an account")
+    return ImportAccount.from_json(dataset.attrs[ATTRIBUTE])

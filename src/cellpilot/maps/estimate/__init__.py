@@ -1,0 +1,1 @@
+"""Ways to estimate cells that nobody measured, each a separate recorded step."""

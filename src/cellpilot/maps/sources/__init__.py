@@ -1,0 +1,1 @@
+"""Where maps come from, one file per kind."""

@@ -1,0 +1,120 @@
+"""Maps computed from a deployment: each bin is the mean of a fine lattice of simulated points."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellpilot.errors import InputError
+from cellpilot.maps.geodesy import Anchor
+from cellpilot.maps.schema import RadioMap, make_map
+from cellpilot.radio import Deployment, LosMode, simulate
+
+FloatArray = NDArray[np.float64]
+Range = tuple[float, float]
+
+
+def simulate_map(
+    deployment: Deployment,
+    *,
+    environment: str = "UMa-AV",
+    los: LosMode = "soft",
+    shadowing_seed: int | None = None,
+    x_range_m: Range = (-200.0, 200.0),
+    y_range_m: Range = (-200.0, 200.0),
+    heights_m: Sequence[float] = (30.0,),
+    bin_m: float = 20.0,
+    points_per_side: int = 8,
+    anchor: Anchor | None = None,
+) -> RadioMap:
+    """The RadioMap of a deployment over a rectangle [m], at each height [m, increasing].
+
+    A bin's `sinr_db` is the mean of the dB values of points_per_side^2 points at the centres of a fine lattice within
+    it, `sinr_spread_db` their standard deviation, `count` their number, `sinr_std_db` 0: nothing about a simulation
+    is unknown. `serving_sector` is the one that serves most of the points, the lowest index on ties. The sites are
+    kept as coordinates of the dimension `sector`. `environment`, `los`, `shadowing_seed` and the errors of the model's
+    range: see `radio.simulate`. `InputError` for a rectangle that is no whole number of bins or heights that do not increase.
+    """
+    x_m, y_m = _bin_centres("x", x_range_m, bin_m), _bin_centres("y", y_range_m, bin_m)
+    z_m = _heights(heights_m)
+    if points_per_side < 1:
+        raise InputError(f"points_per_side is {points_per_side}; expected at least 1")
+    offset_m = ((np.arange(points_per_side) + 0.5) / points_per_side - 0.5) * bin_m
+    shape = z_m.size, y_m.size, x_m.size
+    mean_db, spread_db, serving = np.empty(shape), np.full(shape, np.nan), np.empty(shape, np.int32)
+    # One strip of bins at a time bounds the memory; all heights together, because they share the shadowing of a point.
+    for iy, centre_m in enumerate(y_m):
+        reception = simulate(
+            deployment,
+            (x_m[:, None] + offset_m)[None, :, None, :],
+            (centre_m + offset_m)[None, None, :, None],
+            z_m[:, None, None, None],
+            environment=environment,
+            los=los,
+            shadowing_seed=shadowing_seed,
+        )
+        sinr_db = reception.sinr_db.reshape(*shape[::2], -1)  # [nz, nx, points]
+        mean_db[:, iy] = sinr_db.mean(axis=-1)
+        if points_per_side > 1:
+            spread_db[:, iy] = sinr_db.std(axis=-1, ddof=1)
+        serving[:, iy] = _most_frequent(reception.serving_sector.reshape(*shape[::2], -1), deployment.n_sectors)
+    return make_map(
+        mean_db,
+        x_m=x_m,
+        y_m=y_m,
+        z_m=z_m,
+        count=points_per_side**2,
+        optional={"sinr_spread_db": spread_db, "serving_sector": serving},
+        sectors=_sectors(deployment),
+        anchor=anchor,
+        source="simulation",
+        model=f"{environment}, LOS {los}, {'no shadowing' if shadowing_seed is None else 'correlated shadowing'}",
+        seed=shadowing_seed,
+        attributes={
+            "environment": environment,
+            "los": los,
+            "bin_m": float(bin_m),
+            "points_per_side": points_per_side,
+            "carrier_hz": float(deployment.carrier_hz),
+            "bandwidth_hz": float(deployment.bandwidth_hz),
+        },
+    )
+
+
+def _bin_centres(axis: str, range_m: Range, bin_m: float) -> FloatArray:
+    low_m, high_m = range_m
+    if not np.isfinite([low_m, high_m, bin_m]).all() or bin_m <= 0 or high_m <= low_m:
+        raise InputError(
+            f"{axis} runs from {low_m:g} to {high_m:g} m in bins of {bin_m:g} m; expected rising limits and a positive bin"
+        )
+    span_m = high_m - low_m
+    bins = span_m / bin_m
+    if round(bins) < 1 or abs(bins - round(bins)) > 1e-6:
+        raise InputError(f"{axis} spans {span_m:g} m, which is {bins:.4g} bins of {bin_m:g} m; expected a whole number")
+    return np.asarray(low_m + (np.arange(round(bins)) + 0.5) * bin_m)
+
+
+def _heights(heights_m: Sequence[float]) -> FloatArray:
+    z_m = np.atleast_1d(np.asarray(heights_m, dtype=np.float64))
+    if not z_m.size or not np.isfinite(z_m).all() or (np.diff(z_m) <= 0).any():
+        raise InputError(f"the heights are {', '.join(f'{z:g}' for z in z_m) or 'none'} m; expected at least one, increasing")
+    return z_m
+
+
+def _most_frequent(sector: NDArray[np.int64], n_sectors: int) -> NDArray[np.int64]:
+    """The most frequent value along the last axis, the lowest on ties."""
+    places = sector.reshape(-1, sector.shape[-1])
+    row = np.arange(len(places))[:, None]
+    votes = np.bincount((row * n_sectors + places).ravel(), minlength=len(places) * n_sectors)
+    return votes.reshape(*sector.shape[:-1], n_sectors).argmax(axis=-1)
+
+
+def _sectors(deployment: Deployment) -> dict[str, NDArray[np.generic]]:
+    names = [f"site {site}, {boresight:g} deg" for site, boresight in zip(deployment.site, deployment.boresight_deg, strict=True)]
+    return {
+        "sector_name": np.array(names),
+        "sector_x_m": deployment.x_m,
+        "sector_y_m": deployment.y_m,
+        "sector_height_m": deployment.height_m,
+        "sector_boresight_deg": deployment.boresight_deg,
+    }

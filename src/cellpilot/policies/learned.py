@@ -1,0 +1,102 @@
+"""A trained policy, flown on NumPy alone: `policy.safetensors`, tensors and a JSON description in its header."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from cellpilot.errors import InputError
+from cellpilot.grid import Grid, IntArray
+from cellpilot.policies.base import greedy_actions, one_hot
+from cellpilot.provenance import write_atomically
+
+FORMAT = "cellpilot-policy-1"
+Array32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class PolicyParameters:
+    """Weights by name (`network.layers.0.weight`, ...) and what they were trained for."""
+
+    tensors: dict[str, Array32]
+    architecture: str  # concatenated | two-stream
+    sides: tuple[int, int, int]
+    about: dict[str, Any] = field(default_factory=dict)  # scenario, map digest, task, seed
+
+    def values(self, grid: Grid, goals: IntArray) -> Array32:
+        """Q(cell, goal, action) `[n_cells, goals, actions]` in float32; `InputError` on a grid of another shape."""
+        if grid.sides != self.sides:
+            raise InputError(f"the policy was trained on a grid of {self.sides} cells, the map has {grid.sides}: train on this map")
+        n_dimensions = grid.n_dimensions
+        position = grid.position(np.arange(grid.n_cells))[:, :n_dimensions]
+        coordinates = ((position + 1) / np.asarray(grid.sides[:n_dimensions])).astype(np.float32)
+        here, there = coordinates[:, None, :], coordinates[np.asarray(goals)][None, :, :]
+        if self.architecture == "two-stream":
+            phi, psi = self._perceptron("phi", here), self._perceptron("psi", there)
+            return np.einsum("cgak,ngk->cga", phi.reshape(*phi.shape[:2], -1, psi.shape[-1]), psi)
+        pair = np.concatenate(np.broadcast_arrays(here, there), axis=-1)
+        return self._perceptron("network", pair)
+
+    def _perceptron(self, name: str, x: Array32) -> Array32:
+        """Leaky-ReLU perceptron (section 3.2.1) over the last axis."""
+        n_layers = sum(key.startswith(f"{name}.") and key.endswith(".weight") for key in self.tensors)
+        for i in range(n_layers):
+            x = x @ self.tensors[f"{name}.layers.{i}.weight"].T + self.tensors[f"{name}.layers.{i}.bias"]
+            if i < n_layers - 1:
+                x = np.maximum(x, np.float32(0.01) * x)
+        return x
+
+
+@dataclass(frozen=True)
+class LearnedPolicy:
+    """Arg max of the learned values, or the Boltzmann distribution over them at a temperature (equation 3.15)."""
+
+    parameters: PolicyParameters
+    grid: Grid
+    temperature: float | None = None
+
+    @property
+    def name(self) -> str:
+        """`learned/argmax` or `learned/boltzmann-T`."""
+        return "learned/argmax" if self.temperature is None else f"learned/boltzmann-{self.temperature:g}"
+
+    @property
+    def deterministic(self) -> bool:
+        """True for arg max."""
+        return self.temperature is None
+
+    def action_probabilities(self, goals: IntArray) -> Array32:
+        """Probabilities `[n_cells, goals, actions]`."""
+        values = self.parameters.values(self.grid, goals)
+        if self.temperature is None:
+            return one_hot(greedy_actions(values, tolerance=0.0), self.grid.n_actions)
+        weights = np.exp((values - values.max(-1, keepdims=True)) / np.float32(self.temperature))
+        return weights / weights.sum(-1, keepdims=True)
+
+
+def save_parameters(parameters: PolicyParameters, path: Path) -> None:
+    """Write `policy.safetensors` atomically."""
+    header = {"architecture": parameters.architecture, "sides": parameters.sides, "about": parameters.about}
+    metadata = {"format": FORMAT, "policy": json.dumps(header)}
+    write_atomically(path, lambda temporary: save_file(parameters.tensors, temporary, metadata=metadata))
+
+
+def load_parameters(path: Path) -> PolicyParameters:
+    """Read `policy.safetensors`; `InputError` for a missing file, a damaged one or one of another kind."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected a trained policy (cellpilot train writes one)")
+    try:
+        with safe_open(path, framework="np") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise InputError(f"{path}: not a readable safetensors file ({error}); train again or restore it") from error
+    if metadata.get("format") != FORMAT:
+        raise InputError(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}: not a policy of cellpilot")
+    header = json.loads(metadata["policy"])
+    return PolicyParameters(tensors, header["architecture"], tuple(header["sides"]), header["about"])

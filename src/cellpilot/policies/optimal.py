@@ -1,0 +1,89 @@
+"""The exact optimum: value iteration on the true world, for the goals asked for."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellpilot.errors import InputError
+from cellpilot.grid import IntArray
+from cellpilot.policies.base import greedy_actions, one_hot
+from cellpilot.task import Task
+from cellpilot.world import World
+
+CONVERGED = 1e-9
+MAX_SWEEPS = 20_000
+GOALS_AT_ONCE = 64
+
+
+def optimal_values(world: World, task: Task, goals: IntArray, discount: float | None = None) -> NDArray[np.float64]:
+    """Q*(cell, goal, action) `[n_cells, goals, actions]` by value iteration at the task's (or the given) discount.
+
+    Starts from a lower bound, so the value of every state whose best flight reaches the goal in n steps is exact after
+    n sweeps. Values of cells that cannot reach the goal are those of flying for ever (-inf without discount).
+    `InputError` where the undiscounted optimum does not exist because circling earns rewards.
+    """
+    goals = np.asarray(goals)
+    blocks = [goals[i : i + GOALS_AT_ONCE] for i in range(0, len(goals), GOALS_AT_ONCE)]
+    gamma = task.discount if discount is None else discount
+    return np.concatenate([_solve(world, task, block, gamma) for block in blocks], axis=1)
+
+
+def _solve(world: World, task: Task, goals: IntArray, discount: float) -> NDArray[np.float64]:
+    n_cells, n_actions = world.grid.n_cells, world.grid.n_actions
+    cell = np.arange(n_cells)[:, None]
+    low = np.nan_to_num(world.low_probability(task.threshold_db))
+    reward, entered = zip(
+        *(task.expected_outcome(world, cell, a, goals[None, :], low) for a in range(n_actions)), strict=True
+    )
+    worst = min(0.0, task.rho_step) + min(0.0, task.rho_sinr) + min(0.0, task.rho_blocked)
+    floor = -np.inf if discount == 1 else worst / (1 - discount)
+    value = np.full((n_cells, len(goals)), floor)
+    at_goal = (goals, np.arange(len(goals)))
+
+    def back_up(action: int) -> NDArray[np.float64]:
+        future = discount * value[world.next_cell[:, action]]
+        return np.asarray(reward[action] + np.where(entered[action], 0.0, future))
+
+    for _ in range(MAX_SWEEPS):
+        new = back_up(0)
+        for action in range(1, n_actions):
+            np.maximum(new, back_up(action), out=new)
+        new[at_goal] = floor
+        change = np.abs(np.subtract(new, value, out=np.zeros_like(new), where=np.isfinite(new))).max()
+        value = new
+        if change < CONVERGED:
+            return np.stack([back_up(a) for a in range(n_actions)], axis=-1)
+    raise InputError(
+        "the optimum does not exist without discount: circling earns rewards; make rho_step negative or the discount below 1"
+    )
+
+
+@dataclass(frozen=True)
+class OptimalPolicy:
+    """Maximises the expected return at the task's discount (or at `discount`); ties to the lowest action index."""
+
+    world: World
+    task: Task
+    discount: float | None = None
+    name: str = "optimal"
+    deterministic: bool = True
+    _actions: dict[int, NDArray[np.int8]] = field(default_factory=dict, repr=False, compare=False)
+
+    @classmethod
+    def undiscounted(cls, world: World, task: Task) -> "OptimalPolicy":
+        """The optimum for discount 1, the measure by which every policy is scored."""
+        return cls(world, task, 1.0, "optimal-undiscounted")
+
+    def actions(self, goals: IntArray) -> NDArray[np.int8]:
+        """Best action of every cell for each goal, `[n_cells, goals]`; solved once per goal."""
+        missing = np.array([g for g in np.unique(goals) if int(g) not in self._actions], dtype=np.int32)
+        for i in range(0, len(missing), GOALS_AT_ONCE):
+            block = missing[i : i + GOALS_AT_ONCE]
+            best = greedy_actions(np.nan_to_num(optimal_values(self.world, self.task, block, self.discount), neginf=-1e18))
+            self._actions.update({int(goal): best[:, k].copy() for k, goal in enumerate(block)})
+        return np.stack([self._actions[int(g)] for g in goals], axis=1)
+
+    def action_probabilities(self, goals: IntArray) -> NDArray[np.float32]:
+        """One-hot rows `[n_cells, goals, actions]`."""
+        return one_hot(self.actions(goals), self.world.grid.n_actions)

@@ -1,0 +1,24 @@
+"""What would be received at (x, y, z): propagation, antennas, deployment, shadowing, SINR. NumPy only."""
+
+from cellpilot.radio.antenna import Antenna, ColumnAntenna, element_gain_dbi
+from cellpilot.radio.deployment import RESOURCE_BLOCKS, Deployment, hexagonal_deployment
+from cellpilot.radio.propagation import ENVIRONMENTS, EnvironmentName, los_probability, path_loss_db, shadow_std_db
+from cellpilot.radio.simulation import LosMode, Reception, received_power_dbm, simulate
+
+__all__ = [
+    "ENVIRONMENTS",
+    "RESOURCE_BLOCKS",
+    "Antenna",
+    "ColumnAntenna",
+    "Deployment",
+    "EnvironmentName",
+    "LosMode",
+    "Reception",
+    "element_gain_dbi",
+    "hexagonal_deployment",
+    "los_probability",
+    "path_loss_db",
+    "received_power_dbm",
+    "shadow_std_db",
+    "simulate",
+]

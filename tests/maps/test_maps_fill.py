@@ -1,0 +1,97 @@
+"""Filling from neighbours, against a brute-force version over all pairs of cells."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from cellpilot.errors import InputError
+from cellpilot.maps import RadioMap, fill, make_map
+
+
+def build(sinr_db: np.ndarray, bin_m: float = 20.0) -> RadioMap:
+    nz, ny, nx = sinr_db.shape
+    axes = {"x_m": bin_m * (np.arange(nx) + 0.5), "y_m": bin_m * (np.arange(ny) - 2.5), "z_m": 30.0 + 10 * np.arange(nz)}
+    return make_map(sinr_db, **axes, source="test", count=np.where(np.isnan(sinr_db), 0, 3))
+
+
+@settings(deadline=None)
+@given(
+    arrays(np.float32, (2, 4, 5), elements=st.floats(-20, 30, width=32) | st.just(float("nan"))),
+    st.sampled_from([0.0, 20.0, 40.0, 45.0, 80.0]),
+    st.sampled_from([1.0, 2.0]),
+)
+def test_against_all_pairs(sinr_db: np.ndarray, radius_m: float, power: float) -> None:
+    sinr_db[:, 0, 0] = [1.0, 2.0]
+    result = fill(build(sinr_db), radius_m, power=power)
+    errors_db = []
+    for iz, iy, ix in np.ndindex(sinr_db.shape):
+        near = [
+            (np.hypot(jy - iy, jx - ix) * 20, float(sinr_db[iz, jy, jx]))
+            for jy, jx in np.ndindex(4, 5)
+            if (jy, jx) != (iy, ix) and not np.isnan(sinr_db[iz, jy, jx]) and np.hypot(jy - iy, jx - ix) * 20 <= radius_m + 1e-6
+        ]
+        mean_db = np.average([v for _, v in near], weights=[d**-power for d, _ in near]) if near else np.nan
+        cell = result.isel(z=iz, y=iy, x=ix)
+        if np.isnan(sinr_db[iz, iy, ix]):
+            np.testing.assert_allclose(cell["sinr_db"].item(), mean_db, atol=1e-4)
+            assert cell["filled"].item() == (not np.isnan(mean_db))
+            assert cell["blocked"].item() == np.isnan(mean_db)
+        else:
+            assert cell["sinr_db"].item() == sinr_db[iz, iy, ix]
+            assert not cell["filled"].item()
+            errors_db.append(mean_db - sinr_db[iz, iy, ix])
+    known = ~np.isnan(errors_db)
+    if result["filled"].values.any() and known.any():
+        expected = np.sqrt(np.mean(np.square(errors_db)[known]))
+        np.testing.assert_allclose(result["sinr_std_db"].values[result["filled"].values], expected, rtol=1e-4, atol=1e-4)
+
+
+def line(*values: float) -> RadioMap:
+    return build(np.array(values, dtype=np.float32)[None, None])
+
+
+def test_filling_is_recorded_and_counts_no_samples() -> None:
+    before = line(1.0, np.nan, 3.0, np.nan, np.nan, np.nan, np.nan)
+    result = fill(before, 20.0)
+    assert result["filled"].values.ravel().tolist() == [False, True, False, True, False, False, False]
+    assert result["sinr_db"].values.ravel()[[1, 3]].tolist() == [2.0, 3.0]
+    assert result["blocked"].values.ravel().tolist() == [False] * 4 + [True] * 3
+    assert result["count"].values.ravel().tolist() == [3, 0, 3, 0, 0, 0, 0]
+    assert (result.attrs["fill_radius_m"], result.attrs["fill_power"]) == (20.0, 2.0)
+    assert "inverse distance" in result.attrs["fill_method"]
+    assert np.isnan(before["sinr_db"].values).sum() == 5
+    assert not before["filled"].values.any()
+
+
+def test_what_was_filled_is_no_source_of_the_next_filling() -> None:
+    once = fill(line(1.0, np.nan, np.nan, 8.0), 20.0)
+    assert fill(once, 20.0)["sinr_db"].identical(once["sinr_db"])
+    assert fill(line(1.0, np.nan, np.nan, np.nan), 20.0)["sinr_db"].values.ravel()[2:].tolist() != [1.0, 1.0]
+
+
+def test_unknown_bad_leaves_the_rest_free() -> None:
+    result = fill(line(1.0, np.nan, np.nan, np.nan), 20.0, unknown="bad")
+    assert not result["blocked"].values.any()
+    assert np.isnan(result["sinr_db"].values).sum() == 2
+    assert result.attrs["unknown"] == "bad"
+
+
+def test_without_pairs_the_uncertainty_is_the_spread_of_the_measured_cells() -> None:
+    result = fill(line(1.0, np.nan, np.nan, 5.0), 20.0)
+    assert result["sinr_std_db"].values.ravel()[1] == pytest.approx(np.std([1, 5], ddof=1))
+
+
+@pytest.mark.parametrize(
+    ("settings_", "message"),
+    [
+        ({"radius_m": -1.0}, "fill radius is -1"),
+        ({"radius_m": np.nan}, "fill radius"),
+        ({"power": 0.0}, "power"),
+        ({"unknown": "x"}, "'x'"),
+    ],
+)
+def test_wrong_settings_are_refused(settings_: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fill(line(1.0, np.nan), **({"radius_m": 20.0} | settings_))  # type: ignore[arg-type]
