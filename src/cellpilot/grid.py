@@ -18,7 +18,7 @@ ACTIONS = ("north", "south", "east", "west", "up", "down")
 MOVES = np.array([(0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)])
 """Step `(dx, dy, dz)` in cells of each action."""
 
-IntArray = NDArray[np.int32]
+IntArray = NDArray[np.signedinteger]
 Position = tuple[int, int, int]
 
 
@@ -76,12 +76,10 @@ class Grid:
         """Position of the cell that contains the point `(x, y, z)` [m]; `InputError` outside the map."""
         found = []
         for name, value, centres in zip("xyz", point_m, (self.x_m, self.y_m, self.z_m), strict=True):
-            axis = np.asarray(centres)
-            half = (axis[1] - axis[0]) / 2 if axis.size > 1 else np.inf
-            index = int(np.abs(axis - value).argmin())
-            if abs(axis[index] - value) > half * (1 + 1e-9):
-                raise InputError(f"{name} = {value:g} m lies outside the map ({axis[0] - half:g} to {axis[-1] + half:g} m)")
-            found.append(index)
+            edges = _edges(centres)
+            if not edges[0] <= value <= edges[-1]:
+                raise InputError(f"{name} = {value:g} m lies outside the map ({edges[0]:g} to {edges[-1]:g} m)")
+            found.append(min(int(np.searchsorted(edges, value, side="right")) - 1, len(centres) - 1))
         return found[0], found[1], found[2]
 
     def check_position(self, position: tuple[int, ...], what: str) -> Position:
@@ -105,3 +103,12 @@ class Grid:
     def manhattan(self, cell: ArrayLike, goal: ArrayLike) -> IntArray:
         """Number of moves between cells where nothing is blocked."""
         return np.abs(self.position(cell) - self.position(goal)).sum(-1).astype(np.int32)
+
+
+def _edges(centres_m: tuple[float, ...]) -> NDArray[np.float64]:
+    """Borders of the cells along an axis [m]: half-way between centres; a single height holds for any altitude."""
+    centres = np.asarray(centres_m)
+    if centres.size == 1:
+        return np.array([-np.inf, np.inf])
+    middle = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])

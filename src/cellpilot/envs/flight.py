@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from cellpilot.envs.arena import Arena
 from cellpilot.task import Task, Transition
 
+Carry = tuple[Array, Array, Array, Array]
 ChooseAction = Callable[[Int[Array, ""], Int[Array, ""]], Int[Array, ""]]
 """(cell, step number) -> action."""
 
@@ -31,9 +32,7 @@ def step(arena: Arena, cell: Int[Array, ""], action: Int[Array, ""], deviation_d
     return Transition(cell, action, next_cell, arena.sinr_db[next_cell] + deviation_db, arena.stopped[cell, action])
 
 
-def fly(
-    key: Array, arena: Arena, task: Task, start: Int[Array, ""], goal: Int[Array, ""], choose: ChooseAction
-) -> Flight:
+def fly(key: Array, arena: Arena, task: Task, start: Int[Array, ""], goal: Int[Array, ""], choose: ChooseAction) -> Flight:
     """Fly from `start` until the goal is entered or `task.max_steps` are flown.
 
     The loop itself only follows the cells; the measurements (noise drawn at every step, the map's own uncertainty
@@ -41,18 +40,18 @@ def fly(
     """
     max_steps = task.max_steps
 
-    def going_on(carry: tuple[Array, ...]) -> Array:
+    def going_on(carry: Carry) -> Array:
         cell, n_steps, _, _ = carry
         return (cell != goal) & (n_steps < max_steps)
 
-    def move(carry: tuple[Array, ...]) -> tuple[Array, ...]:
+    def move(carry: Carry) -> Carry:
         cell, n_steps, actions, next_cells = carry
         action = choose(cell, n_steps)
         next_cell = arena.next_cell[cell, action]
         return next_cell, n_steps + 1, actions.at[n_steps].set(action), next_cells.at[n_steps].set(next_cell)
 
     empty = jnp.zeros(max_steps, jnp.int32)
-    last, n_steps, actions, next_cells = jax.lax.while_loop(going_on, move, (start, jnp.int32(0), empty, empty))
+    last, n_steps, actions, next_cells = jax.lax.while_loop(going_on, move, (start, jnp.zeros((), jnp.int32), empty, empty))
     cells = jnp.concatenate([start[None], next_cells[:-1]])
     transitions = jax.vmap(step, (None, 0, 0, 0))(arena, cells, actions, _deviation_db(key, arena, next_cells))
     return Flight(transitions, goal, n_steps, last == goal)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cellpilot.evaluate.exact import exact_summary
-from cellpilot.evaluate.flights import FlightRecords, Visits, fly
+from cellpilot.evaluate.flights import SINR_LEVELS_DB, FlightRecords, Visits, fly
 from cellpilot.evaluate.instances import Instances, count_pairs, sample_pairs
 from cellpilot.evaluate.metrics import METRICS
 from cellpilot.evaluate.statistics import mean_interval, ratio_interval, share_interval
@@ -100,7 +100,7 @@ def sampled_flights(
     goals, column = np.unique(instances.goal, return_inverse=True)
     order = np.argsort(column, kind="stable")
     parts: list[FlightRecords] = []
-    by_cell, histogram = 0.0, 0.0
+    by_cell, histogram = np.zeros(world.grid.n_cells), np.zeros(len(SINR_LEVELS_DB) + 1)
     for i in range(0, len(goals), GOALS_AT_ONCE):
         block: IntArray = goals[i : i + GOALS_AT_ONCE]
         rows = order[(column[order] >= i) & (column[order] < i + GOALS_AT_ONCE)]
@@ -111,7 +111,7 @@ def sampled_flights(
     back = np.argsort(order, kind="stable")
     joined = FlightRecords.concatenate(parts)
     in_order = FlightRecords(*(getattr(joined, name)[back] for name in joined.__dataclass_fields__))
-    return in_order, Visits(np.asarray(by_cell), np.asarray(histogram))
+    return in_order, Visits(by_cell, histogram)
 
 
 NO_INTERVALS: dict[str, Any] = {"return_ci95": None, "reached_ci95": None, "low_sinr_ci95": None, "path_ratio_mean_ci95": None}

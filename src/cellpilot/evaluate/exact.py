@@ -48,7 +48,9 @@ def _recursion(
     column: IntArray,
     outages: NDArray[np.float64],
 ) -> Summary:
-    chance = [np.ascontiguousarray(probabilities[..., a], dtype=np.float64) for a in range(world.grid.n_actions)]
+    exact = probabilities.astype(np.float64)
+    exact /= exact.sum(-1, keepdims=True)  # float32 rows sum to 1 only within 1e-7, which 400 steps would compound
+    chance = [np.ascontiguousarray(exact[..., a]) for a in range(world.grid.n_actions)]
     departures = np.zeros((world.grid.n_cells, len(goals)))
     departures[starts, column] = 1.0
     arrivals, in_the_air = _arrivals(world, task, chance, goals, departures)

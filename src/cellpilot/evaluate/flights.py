@@ -118,6 +118,4 @@ def _empty_records(n: int) -> FlightRecords:
     def counts() -> IntArray:
         return np.zeros(n, np.int32)
 
-    return FlightRecords(
-        np.zeros(n, bool), counts(), counts(), np.zeros(n), np.zeros(n), counts(), np.zeros(n), counts()
-    )
+    return FlightRecords(np.zeros(n, bool), counts(), counts(), np.zeros(n), np.zeros(n), counts(), np.zeros(n), counts())

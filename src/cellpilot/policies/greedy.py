@@ -9,7 +9,6 @@ from cellpilot.grid import MOVES, IntArray
 from cellpilot.policies.base import one_hot
 from cellpilot.world import World
 
-
 AXES_FIRST = np.array([2, 3, 0, 1, 4, 5])
 """Actions in the order in which equally long remaining axes are served: x before y before z (see deviations)."""
 

@@ -28,10 +28,15 @@ class PolicyParameters:
     sides: tuple[int, int, int]
     about: dict[str, Any] = field(default_factory=dict)  # scenario, map digest, task, seed
 
+    def check_grid(self, grid: Grid) -> None:
+        """`InputError` if the policy was trained on a grid of another shape."""
+        if grid.sides != self.sides:
+            trained, found = (" x ".join(map(str, sides)) for sides in (self.sides, grid.sides))
+            raise InputError(f"the policy was trained on {trained} cells, the map has {found}: train on this map")
+
     def values(self, grid: Grid, goals: IntArray) -> Array32:
         """Q(cell, goal, action) `[n_cells, goals, actions]` in float32; `InputError` on a grid of another shape."""
-        if grid.sides != self.sides:
-            raise InputError(f"the policy was trained on a grid of {self.sides} cells, the map has {grid.sides}: train on this map")
+        self.check_grid(grid)
         n_dimensions = grid.n_dimensions
         position = grid.position(np.arange(grid.n_cells))[:, :n_dimensions]
         coordinates = ((position + 1) / np.asarray(grid.sides[:n_dimensions])).astype(np.float32)

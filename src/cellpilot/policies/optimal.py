@@ -33,9 +33,7 @@ def _solve(world: World, task: Task, goals: IntArray, discount: float) -> NDArra
     n_cells, n_actions = world.grid.n_cells, world.grid.n_actions
     cell = np.arange(n_cells)[:, None]
     low = np.nan_to_num(world.low_probability(task.threshold_db))
-    reward, entered = zip(
-        *(task.expected_outcome(world, cell, a, goals[None, :], low) for a in range(n_actions)), strict=True
-    )
+    reward, entered = zip(*(task.expected_outcome(world, cell, a, goals[None, :], low) for a in range(n_actions)), strict=True)
     worst = min(0.0, task.rho_step) + min(0.0, task.rho_sinr) + min(0.0, task.rho_blocked)
     floor = -np.inf if discount == 1 else worst / (1 - discount)
     value = np.full((n_cells, len(goals)), floor)

@@ -72,9 +72,7 @@ class EpisodeStatistics:
 def initial_state(settings: DDQNHER, arena: Arena, seed: int) -> LearnerState:
     """Fresh networks (target equal to online) and an empty replay memory."""
     key = jax.random.fold_in(jax.random.key(seed), 0)
-    network = ARCHITECTURES[settings.architecture](
-        arena.coordinates.shape[1], arena.next_cell.shape[1], settings.hidden, key
-    )
+    network = ARCHITECTURES[settings.architecture](arena.coordinates.shape[1], arena.next_cell.shape[1], settings.hidden, key)
     return LearnerState(
         online=network,
         target=jax.tree.map(jnp.copy, network),

@@ -1,0 +1,57 @@
+"""What a person sees: tables on standard output, progress and warnings on standard error."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:
+    from cellpilot.learn.trainer import TrainingProgress
+
+out = Console(highlight=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def warn(message: str | None) -> None:
+    """Print a warning, if there is one."""
+    if message:
+        err.print(f"[yellow]warning:[/] {message}")
+
+
+@contextmanager
+def training_bar(episodes: int) -> "Iterator[Callable[[TrainingProgress], None]]":
+    """A bar with episodes, rate, time left, return, share reached and temperature."""
+    columns = (
+        TextColumn("train"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[facts]}"),
+    )
+    with Progress(*columns, console=err, refresh_per_second=2) as bar:
+        task = bar.add_task("train", total=episodes, rate="", facts="compiling")
+
+        def show(progress: "TrainingProgress") -> None:
+            speed = bar.tasks[0].speed
+            bar.update(
+                task,
+                completed=progress.episode,
+                rate=f"{speed:,.0f} episodes/s" if speed else "",
+                facts=f"return {progress.return_mean:+.2f}  reached {progress.reached_share:.1%}  exploration {progress.exploration:.2f}",
+            )
+
+        yield show
+
+
+@contextmanager
+def share_bar(title: str) -> Iterator[Callable[[float], None]]:
+    """A bar for anything that knows the share done (0..1)."""
+    columns = (TextColumn(title), BarColumn(bar_width=24), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
+    with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=err, refresh_per_second=2) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda share: bar.update(task, completed=share)

@@ -1,0 +1,82 @@
+"""`cellpilot doctor`: what is installed, and whether the parts work together."""
+
+import os
+import platform
+from collections.abc import Callable, Sequence
+
+from pydantic import Field
+
+from cellpilot.cli.console import out
+from cellpilot.cli.options import parse
+from cellpilot.provenance import versions
+from cellpilot.scenario import SHIPPED, Settings
+
+
+class DoctorOptions(Settings):
+    """`doctor` has no options."""
+
+    verbose: bool = Field(False, description="also list the shipped scenarios")
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Verb `doctor`; exit code 1 if something does not work."""
+    options = parse(DoctorOptions, arguments, "cellpilot doctor", "Check the installation.")
+    out.print(f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores")
+    for name, version in versions().items():
+        out.print(f"  {name:<10} {version}")
+    checks: dict[str, Callable[[], str]] = {
+        "JAX": _jax,
+        "radio model": _radio,
+        "map files": _files,
+        "shipped policies": _policies,
+    }
+    failed = 0
+    for name, check in checks.items():
+        try:
+            out.print(f"ok    {name}: {check()}")
+        except Exception as error:
+            failed += 1
+            out.print(f"FAIL  {name}: {type(error).__name__}: {error}")
+    if options.verbose:
+        for path in sorted(SHIPPED.glob("*.toml")):
+            out.print(f"  scenario {path.stem}")
+    return 1 if failed else 0
+
+
+def _jax() -> str:
+    import jax
+
+    total = jax.jit(lambda x: x.sum())(jax.numpy.ones(3))
+    return f"devices {', '.join(map(str, jax.devices()))}, sum of three ones = {float(total):g}"
+
+
+def _radio() -> str:
+    from cellpilot.experiment import make_map
+    from cellpilot.scenario import SimulatedMap
+
+    sinr_db = make_map(SimulatedMap(bin_m=100.0, points_per_side=2))["sinr_db"]
+    return f"{sinr_db.size} cells simulated, {float(sinr_db.min()):.1f} to {float(sinr_db.max()):.1f} dB"
+
+
+def _files() -> str:
+    import tempfile
+    from pathlib import Path
+
+    from cellpilot.experiment import make_map
+    from cellpilot.maps import load_map, save_map
+    from cellpilot.scenario import SimulatedMap
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "map.nc"
+        radio_map = make_map(SimulatedMap(bin_m=200.0, points_per_side=1))
+        save_map(radio_map, path)
+        if not load_map(path).equals(radio_map):
+            raise ValueError("a map written and read back differs")
+    return "written and read back equal"
+
+
+def _policies() -> str:
+    from cellpilot.policies import load_parameters
+
+    found = [path.stem for path in sorted(SHIPPED.glob("*.safetensors")) if load_parameters(path)]
+    return ", ".join(found) or "none"

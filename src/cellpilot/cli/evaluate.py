@@ -1,0 +1,47 @@
+"""`cellpilot evaluate RUN`: baseline, optimum and learned policy on the same instances."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from pydantic import Field
+
+from cellpilot.cli.console import out, share_bar, warn
+from cellpilot.cli.options import command_line, parse
+from cellpilot.experiment import threshold_warning
+from cellpilot.runs import evaluate_run, open_run_or_shipped, payload, save_evaluation
+from cellpilot.scenario import Settings
+
+
+class EvaluateOptions(Settings):
+    """Options of `evaluate`."""
+
+    run: tyro.conf.Positional[str] = Field(description="run folder, or a shipped scenario with a trained policy")
+    map: Path | None = Field(None, description="evaluate on this map instead (same grid); nothing is written", strict=False)
+    as_json: Annotated[bool, tyro.conf.arg(name="json")] = Field(False, description="print JSON and nothing else")
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Verb `evaluate`."""
+    options = parse(EvaluateOptions, arguments, "cellpilot evaluate", "Compare baseline, optimum and learned policy.")
+    run = open_run_or_shipped(options.run, command_line())
+    radio_map = None
+    if options.map is not None:
+        from cellpilot.maps import load_map
+
+        radio_map = load_map(options.map)
+    warn(threshold_warning(run.world, run.task.threshold_db))
+    with share_bar("evaluate") as progress:
+        evaluation = evaluate_run(run, radio_map, progress)
+    if radio_map is None:
+        save_evaluation(run, evaluation)
+    if options.as_json:
+        sys.stdout.write(json.dumps(payload(run, evaluation), indent=2) + "\n")
+    else:
+        from cellpilot.report.tables import text_table
+
+        out.print(text_table(payload(run, evaluation)))
+    return 0

@@ -1,0 +1,93 @@
+"""`cellpilot run SCENARIO`: map, training, evaluation and report in one."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+from pydantic import Field
+
+from cellpilot.cli.console import err, out, share_bar, training_bar, warn
+from cellpilot.cli.options import command_line, parse, scenario_argument
+from cellpilot.errors import InputError
+from cellpilot.experiment import threshold_warning
+from cellpilot.runs import Run, create_run, evaluate_run, open_run, payload, save_evaluation, train_run
+from cellpilot.scenario import (
+    EvaluationSettings,
+    LearnerSettings,
+    MapSettings,
+    Scenario,
+    Settings,
+    SimulatedMap,
+    TaskSettings,
+)
+
+
+class RunOptions(Settings):
+    """Options of `run` and `train`: the scenario, and every setting of it as a flag."""
+
+    scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
+    out: Path | None = Field(None, description="run folder; default runs/NAME-seedSEED", strict=False)
+    seed: int = Field(0, ge=0, description="seed of the learner (the map's is --map.shadowing-seed)")
+    force: bool = Field(False, description="replace a run that is already in the folder")
+    map: MapSettings = SimulatedMap()
+    task: TaskSettings = TaskSettings()
+    learner: LearnerSettings = LearnerSettings()
+    evaluation: EvaluationSettings = EvaluationSettings()
+
+
+class ResumeOptions(Settings):
+    """Options of `run --resume` and `train --resume`."""
+
+    resume: Path = Field(description="run folder to go on with; its own settings and seed hold", strict=False)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Verb `run`."""
+    run = prepare(arguments, "run", "Make the map, train, evaluate and write the report.")
+    if not train_with_bar(run):
+        return 130
+    from cellpilot.report import write_report
+    from cellpilot.report.tables import text_table
+
+    with share_bar("evaluate") as progress:
+        evaluation = evaluate_run(run, progress=progress)
+    save_evaluation(run, evaluation)
+    report = write_report(run.folder)
+    out.print(text_table(payload(run, evaluation)))
+    out.print(f"report: {report}")
+    return 0
+
+
+def prepare(arguments: Sequence[str], verb: str, description: str) -> Run:
+    """The run to train: a new folder, or the one named by `--resume`."""
+    if any(argument.startswith("--resume") for argument in arguments):
+        resume = parse(ResumeOptions, arguments, f"cellpilot {verb}", description)
+        return open_run(resume.resume)
+    found = scenario_argument(arguments)
+    name, scenario = found if found else ("thesis-2d", Scenario())
+    default = RunOptions(
+        scenario=name, map=scenario.map, task=scenario.task, learner=scenario.learner, evaluation=scenario.evaluation
+    )
+    description += f" To go on with an interrupted run: cellpilot {verb} --resume RUN."
+    options = parse(RunOptions, arguments, f"cellpilot {verb}", description, default)
+    scenario = Scenario(
+        name=scenario.name, map=options.map, task=options.task, learner=options.learner, evaluation=options.evaluation
+    )
+    folder = options.out or Path("runs") / f"{scenario.name}-seed{options.seed}"
+    run = create_run(folder, scenario, options.seed, command_line(), options.force)
+    warn(threshold_warning(run.world, run.task.threshold_db))
+    return run
+
+
+def train_with_bar(run: Run) -> bool:
+    """Train and say how it went; False if it was interrupted."""
+    try:
+        with training_bar(run.scenario.learner.episodes) as progress:
+            result = train_run(run, progress)
+    except ImportError as error:
+        raise InputError(f"training needs JAX, which cannot be imported ({error}); see cellpilot doctor") from error
+    if not result.finished:
+        err.print(f"stopped after {len(result.history['reached'])} episodes; go on with: cellpilot run --resume {run.folder}")
+        return False
+    err.print(f"trained in {result.train_wall_s:.0f} s (compilation {result.compile_s:.0f} s): {run.policy_file}")
+    return True

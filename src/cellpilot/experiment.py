@@ -1,0 +1,146 @@
+"""From a scenario to map, world, task, learner settings and policies: the one place where they are put together."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cellpilot.errors import InputError
+from cellpilot.grid import Grid
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
+from cellpilot.provenance import digest
+from cellpilot.scenario import LearnerSettings, MapFile, MapSettings, MeasuredMap, RewardSettings, Scenario, SimulatedMap
+from cellpilot.task import Task, default_max_steps
+from cellpilot.world import World
+
+if TYPE_CHECKING:
+    from cellpilot.learn.algorithms.ddqn_her import DDQNHER
+    from cellpilot.maps import RadioMap
+    from cellpilot.radio import Deployment
+
+
+def make_map(settings: MapSettings) -> "RadioMap":
+    """The radio map a scenario asks for: simulated, imported or read."""
+    from cellpilot.maps import import_logs, load_map, simulate_map
+
+    if isinstance(settings, MapFile):
+        return load_map(settings.path)
+    if isinstance(settings, MeasuredMap):
+        if not settings.logs:
+            raise InputError("the scenario needs a measured log: give --map.logs FILE [FILE ...]")
+        return import_logs(
+            settings.logs,
+            altitude_m=settings.altitude_m,
+            bin_m=settings.bin_m,
+            fill_radius_m=settings.fill_radius_m,
+            mask="auto" if settings.mask is None else settings.mask,
+            unknown=settings.unknown,
+        )
+    return simulate_map(
+        make_deployment(settings),
+        environment=settings.environment,
+        los=settings.los,
+        shadowing_seed=settings.shadowing_seed,
+        x_range_m=settings.x_range_m,
+        y_range_m=settings.y_range_m,
+        heights_m=settings.heights_m,
+        bin_m=settings.bin_m,
+        points_per_side=settings.points_per_side,
+    )
+
+
+def make_deployment(settings: SimulatedMap) -> "Deployment":
+    """The hexagonal deployment of a simulated map."""
+    from cellpilot.radio import ColumnAntenna, hexagonal_deployment
+
+    antenna = ColumnAntenna(
+        settings.antenna_elements,
+        settings.antenna_spacing_wavelengths,
+        settings.electrical_tilt_deg,
+        settings.mechanical_tilt_deg,
+        settings.array_factor_floor_db,
+    )
+    return hexagonal_deployment(
+        rings=settings.rings,
+        inter_site_distance_m=settings.inter_site_distance_m,
+        boresights_deg=settings.boresights_deg,
+        base_height_m=settings.base_height_m,
+        power_dbm=settings.power_dbm,
+        carrier_hz=settings.carrier_hz,
+        bandwidth_hz=settings.bandwidth_hz,
+        noise_figure_db=settings.noise_figure_db,
+        load=settings.load,
+        antenna=antenna,
+    )
+
+
+def make_task(settings: RewardSettings, grid: Grid) -> Task:
+    """The task on a grid; the cap on steps follows from its sides unless it is given."""
+    return Task(
+        rho_goal=settings.rho_goal,
+        rho_sinr=settings.rho_sinr,
+        rho_step=settings.rho_step,
+        rho_blocked=settings.rho_blocked,
+        threshold_db=settings.threshold_db,
+        discount=settings.discount,
+        max_steps=default_max_steps(grid) if settings.max_steps is None else settings.max_steps,
+    )
+
+
+def make_learner(settings: LearnerSettings) -> "DDQNHER":
+    """Settings as compiled code needs them."""
+    from cellpilot.learn.algorithms.ddqn_her import DDQNHER
+
+    return DDQNHER(
+        episodes=settings.episodes,
+        batch_size=settings.batch_size,
+        replay_capacity=settings.replay_capacity,
+        replay_start=settings.replay_start,
+        updates_per_episode=settings.updates_per_episode,
+        target_period=settings.target_period,
+        learning_rate=settings.learning_rate,
+        exploration=settings.exploration,
+        initial_exploration=settings.initial_exploration,
+        final_exploration=settings.final_exploration,
+        exploration_fraction=settings.exploration_fraction,
+        hindsight_ratio=settings.hindsight_ratio if settings.hindsight else 0,
+        hindsight_strategy=settings.hindsight_strategy,
+        double=settings.double,
+        architecture=settings.architecture,
+        hidden=(settings.hidden_units,) * settings.hidden_layers,
+    )
+
+
+def make_policies(world: World, task: Task, temperature: float, parameters: PolicyParameters | None) -> Sequence[Policy]:
+    """Baseline, optima and, where there are parameters, the learned policy twice: arg max and Boltzmann."""
+    policies: list[Policy] = [GreedyPolicy(world), OptimalPolicy(world, task), OptimalPolicy.undiscounted(world, task)]
+    if parameters is not None:
+        parameters.check_grid(world.grid)
+        policies += [LearnedPolicy(parameters, world.grid), LearnedPolicy(parameters, world.grid, temperature)]
+    return policies
+
+
+def fingerprint(scenario: Scenario, world: World) -> str:
+    """Names everything a training result depends on besides the seed: map, task and learner."""
+    text = scenario.task.model_dump_json() + scenario.learner.model_dump_json()
+    arrays = [world.sinr_db, world.sinr_std_db, world.blocked, np.array(world.grid.sides), np.frombuffer(text.encode(), np.uint8)]
+    return digest(arrays)
+
+
+def threshold_warning(world: World, threshold_db: float) -> str | None:
+    """A sentence if more than 95 % or fewer than 1 % of the free cells lie below the threshold."""
+    share = float((world.sinr_db[world.free_cells] < threshold_db).mean())
+    if share > 0.95:
+        return f"{share:.1%} of the cells lie below {threshold_db:g} dB: hardly any route avoids them; consider a lower threshold"
+    if share < 0.01:
+        return f"only {share:.1%} of the cells lie below {threshold_db:g} dB: there is hardly anything to avoid; consider a higher one"
+    return None
+
+
+def shipped_policy(scenario_file: Path) -> PolicyParameters | None:
+    """The trained policy that ships beside a scenario file, if there is one."""
+    from cellpilot.policies import load_parameters
+
+    path = scenario_file.with_suffix(".safetensors")
+    return load_parameters(path) if path.is_file() else None

@@ -1,0 +1,69 @@
+"""Saving and restoring everything that training changes, as tensors named by their path in the state."""
+
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from cellpilot.errors import InputError
+from cellpilot.learn.networks import QNetwork
+from cellpilot.policies.learned import PolicyParameters
+from cellpilot.provenance import write_atomically
+
+FORMAT = "cellpilot-state-1"
+State = TypeVar("State")
+
+
+def save_state(path: Path, state: Any, history: dict[str, np.ndarray], about: dict[str, Any]) -> None:
+    """Write state, history and description atomically: an interrupted save leaves the previous file."""
+    tensors = {f"state.{name}": np.asarray(leaf) for name, leaf in named_leaves(state).items()}
+    tensors |= {f"history.{name}": np.ascontiguousarray(column) for name, column in history.items()}
+    metadata = {"format": FORMAT, "about": json.dumps(about)}
+    write_atomically(path, lambda temporary: save_file(tensors, temporary, metadata=metadata))
+
+
+def load_state(path: Path, template: State) -> tuple[State, dict[str, np.ndarray], dict[str, Any]]:
+    """The state with the structure of `template`, the history and the description.
+
+    `InputError` for a damaged file, or one whose tensors do not fit the template (other settings).
+    """
+    try:
+        with safe_open(path, framework="np") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise InputError(f"{path}: the checkpoint is damaged ({error}); delete it to train from the start") from error
+    if metadata.get("format") != FORMAT:
+        raise InputError(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}; delete it to train from the start")
+    expected = named_leaves(template)
+    for name, leaf in expected.items():
+        found = tensors.get(f"state.{name}")
+        if found is None or found.shape != leaf.shape or found.dtype != leaf.dtype:
+            what = "missing" if found is None else f"{found.dtype}{list(found.shape)}"
+            raise InputError(f"{path}: {name} is {what}, expected {leaf.dtype}{list(leaf.shape)}: a checkpoint of other settings")
+    leaves = [jnp.asarray(tensors[f"state.{name}"]) for name in expected]
+    state = jax.tree.unflatten(jax.tree.structure(template), leaves)
+    history = {name.removeprefix("history."): value for name, value in tensors.items() if name.startswith("history.")}
+    return state, history, json.loads(metadata["about"])
+
+
+def named_leaves(tree: Any) -> dict[str, Any]:
+    """Array leaves by their dotted path, in the order of `jax.tree.leaves`."""
+    return {
+        ".".join(str(getattr(key, "name", getattr(key, "idx", getattr(key, "key", key)))) for key in path): leaf
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+    }
+
+
+def policy_parameters(
+    network: QNetwork, architecture: str, sides: tuple[int, int, int], about: dict[str, Any]
+) -> PolicyParameters:
+    """The network as plain NumPy weights that fly without JAX."""
+    tensors = {name: np.asarray(leaf) for name, leaf in named_leaves(eqx.filter(network, eqx.is_array)).items()}
+    return PolicyParameters(tensors, architecture, sides, about)

@@ -1,0 +1,1 @@
+"""Planning: routes over a known map."""

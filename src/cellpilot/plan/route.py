@@ -1,0 +1,117 @@
+"""A route: what one deterministic policy flies between two cells, and what the radio is expected to be along it."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cellpilot.errors import InputError
+from cellpilot.grid import IntArray, Position
+from cellpilot.policies import Policy, greedy_actions
+from cellpilot.task import Task
+from cellpilot.world import World
+
+REACHED, LOOPS, TIME_LIMIT = "reached", "loops", "time limit"
+
+
+@dataclass(frozen=True)
+class Route:
+    """Cells from start to end. `status`: reached, loops (came back to a cell, so it would circle for ever), time limit."""
+
+    policy: str
+    status: str
+    cells: IntArray  # [steps + 1], the start included
+    sinr_db: tuple[float | None, ...]  # map value in each cell, None where unknown
+    low_probability: tuple[float, ...]  # chance of a measurement below the threshold, by cell
+    shortest_steps: int
+    length_m: float
+    expected_return: float
+    expected_low_share: float  # of the cells entered
+
+    @property
+    def n_steps(self) -> int:
+        """Moves flown."""
+        return len(self.cells) - 1
+
+
+def plan_route(world: World, task: Task, policy: Policy, start: Position, goal: Position) -> Route:
+    """Follow the most probable action of a policy from start to goal, at most `task.max_steps` moves.
+
+    `InputError` for cells off the grid, blocked, equal or cut apart.
+    """
+    starts, goals = world.start_goal_cells(start, goal)
+    low = np.nan_to_num(world.low_probability(task.threshold_db), nan=1.0)
+    actions = greedy_actions(policy.action_probabilities(goals))[:, 0]
+    cells, seen, total, status = [int(starts[0])], {int(starts[0])}, 0.0, TIME_LIMIT
+    while len(cells) <= task.max_steps:
+        action = int(actions[cells[-1]])
+        reward, terminated = task.expected_outcome(world, cells[-1], action, goals[0], low)
+        total += float(reward)
+        cells.append(int(world.next_cell[cells[-1], action]))
+        if terminated:
+            status = REACHED
+            break
+        if cells[-1] in seen:
+            status = LOOPS
+            break
+        seen.add(cells[-1])
+    metres = world.grid.metres(cells)
+    sinr = world.sinr_db[cells]
+    return Route(
+        policy=policy.name,
+        status=status,
+        cells=np.asarray(cells, np.int32),
+        sinr_db=tuple(float(v) if np.isfinite(v) else None for v in sinr),
+        low_probability=tuple(float(p) for p in low[cells]),
+        shortest_steps=int(world.shortest_steps(goals)[starts[0], 0]),
+        length_m=float(np.linalg.norm(np.diff(metres, axis=0), axis=1).sum()),
+        expected_return=total,
+        expected_low_share=float(low[cells[1:]].mean()),
+    )
+
+
+def route_payload(route: Route, world: World, latitude_longitude: Any = None) -> dict[str, Any]:
+    """The route as plain data for JSON; `latitude_longitude(x_m, y_m)` adds geographic coordinates where given."""
+    summary = asdict(route)
+    for name in ("cells", "sinr_db", "low_probability"):
+        summary.pop(name)
+    steps = []
+    for position, (x_m, y_m, z_m), sinr_db, low in zip(
+        world.grid.position(route.cells), world.grid.metres(route.cells), route.sinr_db, route.low_probability, strict=True
+    ):
+        step: dict[str, Any] = {"position": position.tolist(), "x_m": x_m, "y_m": y_m, "z_m": z_m}
+        if latitude_longitude is not None:
+            latitude_deg, longitude_deg = latitude_longitude(x_m, y_m)
+            step |= {"latitude_deg": float(latitude_deg), "longitude_deg": float(longitude_deg)}
+        steps.append(step | {"sinr_db": sinr_db, "low_probability": low})
+    ratio = route.n_steps / route.shortest_steps if route.status == REACHED else None
+    return summary | {"n_steps": route.n_steps, "path_ratio": ratio, "steps": steps}
+
+
+def parse_place(text: str, what: str, world: World, to_local: Any = None) -> Position:
+    """Position of `IX,IY,IZ` (cells), `Xm,Ym,Zm` (metres) or `LATITUDE,LONGITUDE,ALTITUDE` (degrees, needs an anchored map).
+
+    Three whole numbers are cells; an `m` on each number means metres; numbers with a decimal point are geographic.
+    `to_local(latitude_deg, longitude_deg)` returns metres; None on a map without an anchor.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    expected = "expected IX,IY,IZ in cells, like 3,4,0, or metres like -50m,120m,30m, or LATITUDE,LONGITUDE,ALTITUDE"
+    if len(parts) != 3:
+        raise InputError(f"{what} is {text!r}; {expected}")
+    try:
+        if all(part.endswith("m") for part in parts):
+            x_m, y_m, z_m = (float(part[:-1]) for part in parts)
+            return world.grid.nearest_position((x_m, y_m, z_m))
+        if all(part.lstrip("+-").isdigit() for part in parts):
+            return world.grid.check_position(tuple(int(part) for part in parts), what)
+        latitude_deg, longitude_deg, altitude_m = (float(part) for part in parts)
+    except InputError as error:
+        raise InputError(f"{what} {text}: {error}") from error
+    except ValueError as error:
+        raise InputError(f"{what} is {text!r}; {expected}") from error
+    if to_local is None:
+        raise InputError(f"{what} {text} looks like latitude,longitude,altitude, but the map has no anchor; give cells or metres")
+    if not (-90 <= latitude_deg <= 90 and -180 <= longitude_deg <= 180):
+        raise InputError(f"{what} {text}: expected a latitude within -90..90 and a longitude within -180..180")
+    x_m, y_m = to_local(latitude_deg, longitude_deg)
+    return world.grid.nearest_position((float(x_m), float(y_m), altitude_m))

@@ -1,0 +1,137 @@
+"""All figures of a report in one table, and how one is drawn and saved. Another figure is one function and one line."""
+
+import base64
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
+
+from cellpilot.provenance import write_atomically
+from cellpilot.report.distributions import draw_altitude, draw_path_ratio_cdf, draw_return_cdf, draw_sinr_cdf
+from cellpilot.report.learning import draw_ablation, draw_sensitivity, draw_training
+from cellpilot.report.maps import draw_deployment, draw_low_probability, draw_sinr
+from cellpilot.report.policies import draw_high_goal, draw_low_goal
+from cellpilot.report.run import Run
+from cellpilot.report.style import drawing_settings
+
+DPI = 150
+PAD_IN = 0.05
+PNG_SIZE_AT = (16, 20)
+"""Bytes at which a PNG file keeps its width and height."""
+
+
+class Entry(NamedTuple):
+    """A figure of the report: what draws it (None where the run has nothing to show), its caption, the thesis's number."""
+
+    draw: Callable[[Run], Figure | None]
+    caption: str
+    thesis_figure: str
+
+
+FIGURES: dict[str, Entry] = {
+    "deployment": Entry(
+        draw_deployment,
+        "Sites, the boresights of their sectors, and the area in which the drone flies.",
+        "4.1",
+    ),
+    "sinr_map": Entry(
+        draw_sinr,
+        "Mean SINR of every cell at each height. Hatched and outlined: below the threshold, which a black line marks on the "
+        "colour bar.",
+        "4.2 and 4.3",
+    ),
+    "low_probability": Entry(
+        draw_low_probability,
+        "Chance that one measurement in a cell falls below the threshold. Noise makes it a matter of degree.",
+        "4.5 and 4.6",
+    ),
+    "cdf_sinr": Entry(
+        draw_sinr_cdf,
+        "Distribution of the SINR measured in all steps of the sampled flights. Where a curve crosses "
+        "the threshold (dashed) it shows the share of steps below it. Lower is better.",
+        "5.1, 5.8 and 5.15",
+    ),
+    "cdf_path_ratio": Entry(
+        draw_path_ratio_cdf,
+        "Distribution of the steps flown over the steps of the shortest allowed path. A flight that fails counts as infinitely "
+        "long, so a curve levels off at the share of flights that reach the goal. The axis may end before the longest flights.",
+        "5.2, 5.9 and 5.16",
+    ),
+    "cdf_return": Entry(
+        draw_return_cdf,
+        "Distribution of the undiscounted return of the sampled flights. Further right is better. A curve that starts above 0 at "
+        "the left has so many flights with a return below the axis.",
+        "5.3, 5.10 and 5.17",
+    ),
+    "policy_low_goal": Entry(
+        draw_low_goal,
+        "Action and value of every cell towards a goal (green star) amid low SINR. Shaded: where SINR is likely below the "
+        "threshold; the outline on the right marks the same area.",
+        "5.4 and 5.5",
+    ),
+    "policy_high_goal": Entry(
+        draw_high_goal,
+        "Action and value of every cell towards a goal (green star) amid high SINR, drawn as the figure before.",
+        "5.6 and 5.7",
+    ),
+    "altitude": Entry(
+        draw_altitude,
+        "Share of steps flown at each height.",
+        "5.18",
+    ),
+    "training": Entry(
+        draw_training,
+        "Training of this run: return of the training flights, share that reached the goal, and how strongly the agent explored.",
+        "",
+    ),
+    "ablation": Entry(
+        draw_ablation,
+        "What double learning (DDQN) and hindsight (HER) contribute: return during training, averaged over a moving "
+        "window and then over seeds; the band is one standard deviation.",
+        "5.19",
+    ),
+    "sensitivity": Entry(
+        draw_sensitivity,
+        "How the weights of the reward change the routes: steps below the threshold, detour, and share of goals reached.",
+        "",
+    ),
+}
+
+
+class Picture(NamedTuple):
+    """A drawn figure, ready for the page."""
+
+    png_base64: str
+    width_in: float
+    height_in: float
+
+
+def draw_figures(run: Run, folder: Path) -> dict[str, Picture]:
+    """Draw every figure the run has, save each as PNG and PDF in `folder`, and return the pictures by stem.
+
+    Files of figures that the run no longer has are removed: an old picture beside a new report misleads.
+    """
+    pictures = {}
+    for stem, entry in FIGURES.items():
+        with drawing_settings():
+            figure = entry.draw(run)
+            if figure is None:
+                for suffix in (".png", ".pdf"):
+                    (folder / f"{stem}{suffix}").unlink(missing_ok=True)
+                continue
+            pictures[stem] = _save(figure, folder, stem)
+    return pictures
+
+
+def _save(figure: Figure, folder: Path, stem: str) -> Picture:
+    png = io.BytesIO()
+    figure.savefig(png, format="png", dpi=DPI, bbox_inches="tight", pad_inches=PAD_IN, metadata={"Software": None})
+    write_atomically(folder / f"{stem}.png", lambda temporary: temporary.write_bytes(png.getvalue()))
+    # Without a date, the same run gives the same file.
+    pdf = io.BytesIO()
+    figure.savefig(pdf, format="pdf", dpi=2 * DPI, bbox_inches="tight", pad_inches=PAD_IN, metadata={"CreationDate": None})
+    write_atomically(folder / f"{stem}.pdf", lambda temporary: temporary.write_bytes(pdf.getvalue()))
+    width_px, height_px = (int.from_bytes(png.getvalue()[i : i + 4]) for i in PNG_SIZE_AT)
+    return Picture(base64.b64encode(png.getvalue()).decode("ascii"), width_px / DPI, height_px / DPI)

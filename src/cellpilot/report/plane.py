@@ -1,0 +1,181 @@
+"""Drawing on one height of a grid: coloured cells, outlined and hatched areas, sites. Everything in metres."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import Colormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from cellpilot.grid import Grid
+from cellpilot.maps import RadioMap
+from cellpilot.report.style import PAGE_WIDTH_IN
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+MAX_PANELS = 6
+COLUMNS = 3
+
+
+def cell_edges_m(centres_m: tuple[float, ...], other_m: tuple[float, ...]) -> FloatArray:
+    """Edges `[n + 1]` of evenly spaced cells [m]; a single cell is as wide as those of the other axis, else 1 m."""
+    steps_m = np.diff(centres_m if len(centres_m) > 1 else other_m)
+    half_m = steps_m[0] / 2 if steps_m.size else 0.5
+    return np.append(np.asarray(centres_m) - half_m, centres_m[-1] + half_m)
+
+
+def plane_edges_m(grid: Grid) -> tuple[FloatArray, FloatArray]:
+    """Edges of the columns and of the rows [m]."""
+    return cell_edges_m(grid.x_m, grid.y_m), cell_edges_m(grid.y_m, grid.x_m)
+
+
+def chosen_heights(n_heights: int, at_most: int = MAX_PANELS) -> list[int]:
+    """Indices of the heights to show: all, or `at_most` spread evenly from the lowest to the highest."""
+    if n_heights <= at_most:
+        return list(range(n_heights))
+    return [int(i) for i in np.linspace(0, n_heights - 1, at_most).round()]
+
+
+def plane_panels(
+    grid: Grid, n_panels: int, columns: int = COLUMNS, width_in: float = PAGE_WIDTH_IN, extra_in: float = 0.85
+) -> tuple[Figure, list[Axes]]:
+    """A figure of maps side by side, the outer ones labelled, with `extra_in` for legend and titles."""
+    columns = min(columns, n_panels)
+    rows = -(-n_panels // columns)
+    x_m, y_m = plane_edges_m(grid)
+    tall = float(np.clip((y_m[-1] - y_m[0]) / (x_m[-1] - x_m[0]), 0.25, 2.5))
+    panel_in = (width_in - 1.3) / columns
+    figure = Figure(figsize=(width_in, rows * (panel_in * tall + 0.45) + extra_in), layout="compressed")
+    panels = []
+    for i in range(n_panels):
+        axes = figure.add_subplot(rows, columns, i + 1)
+        axes.set(aspect="equal", xlim=(x_m[0], x_m[-1]), ylim=(y_m[0], y_m[-1]))
+        axes.locator_params(nbins=4)
+        # Inner panels share the axes of the outer ones.
+        axes.tick_params(labelbottom=i + columns >= n_panels, labelleft=i % columns == 0)
+        if i + columns >= n_panels:
+            axes.set_xlabel("x, east [m]")
+        if i % columns == 0:
+            axes.set_ylabel("y, north [m]")
+        panels.append(axes)
+    return figure, panels
+
+
+def draw_cells(axes: Axes, grid: Grid, values: NDArray[Any], colours: str | Colormap, low: float, high: float) -> QuadMesh:
+    """Colour the cells of one height by `values [y, x]`; NaN stays white."""
+    x_m, y_m = plane_edges_m(grid)
+    shown = np.ma.masked_invalid(values)
+    return axes.pcolormesh(x_m, y_m, shown, cmap=colours, vmin=low, vmax=high, rasterized=True)
+
+
+def _steps(edges_m: FloatArray) -> FloatArray:
+    """Each inner edge twice: a contour over repeated values then runs along the edges of the cells."""
+    return np.repeat(edges_m, 2)[1:-1]
+
+
+def _on_steps(area: BoolArray) -> FloatArray:
+    return np.repeat(np.repeat(area, 2, axis=0), 2, axis=1).astype(float)
+
+
+def hatch_area(axes: Axes, grid: Grid, area: BoolArray, hatch: str, line: str, face: str = "none", zorder: float = 2.0) -> None:
+    """Fill (`face`) and hatch the cells in `area [y, x]`."""
+    if not area.any():
+        return
+    x_m, y_m = plane_edges_m(grid)
+    filled = axes.contourf(
+        _steps(x_m), _steps(y_m), _on_steps(area), levels=[0.5, 1.5], colors=[face], hatches=[hatch], zorder=zorder
+    )
+    filled.set_edgecolor(line)
+    filled.set_linewidth(0)
+
+
+def outline_area(axes: Axes, grid: Grid, area: BoolArray, colour: str = "white", width: float = 1.2) -> None:
+    """Draw the border of `area [y, x]` along the edges of the cells, with a dark rim that shows on any colour."""
+    if area.all() or not area.any():
+        return
+    x_m, y_m = plane_edges_m(grid)
+    lines = axes.contour(_steps(x_m), _steps(y_m), _on_steps(area), levels=[0.5], colors=[colour], linewidths=[width], zorder=3.0)
+    lines.set(path_effects=[patheffects.Stroke(linewidth=width + 1.0, foreground="0.15"), patheffects.Normal()])
+
+
+def special_cells(radio_map: RadioMap, iz: int) -> dict[str, BoolArray]:
+    """Cells of one height `[y, x]` that have no ordinary value: blocked, blocked for want of data, unknown but free."""
+    blocked, unknown = radio_map["blocked"].values[iz], np.isnan(radio_map["sinr_db"].values[iz])
+    return {
+        "blocked": blocked & ~unknown,
+        "unknown, not to be entered": blocked & unknown,
+        "unknown, counts as below": ~blocked & unknown,
+    }
+
+
+SPECIAL_LOOKS = {
+    "blocked": ("xxx", "0.35", "0.8"),
+    "unknown, not to be entered": ("...", "0.35", "0.8"),
+    "unknown, counts as below": ("...", "0.35", "white"),
+}
+"""Hatch, colour of the hatch and of the face."""
+
+
+def draw_special_cells(axes: Axes, grid: Grid, radio_map: RadioMap, iz: int) -> None:
+    """Mark the blocked and the unknown cells of one height."""
+    for name, area in special_cells(radio_map, iz).items():
+        hatch, line, face = SPECIAL_LOOKS[name]
+        hatch_area(axes, grid, area, hatch, line, face, zorder=2.5)
+
+
+def special_handles(radio_map: RadioMap, heights: list[int]) -> list[Patch]:
+    """Legend entries of the kinds of special cells that occur on these heights."""
+    found = {name for iz in heights for name, area in special_cells(radio_map, iz).items() if area.any()}
+    return [
+        Patch(facecolor=face, edgecolor=line, hatch=hatch, label=name, linewidth=0)
+        for name, (hatch, line, face) in SPECIAL_LOOKS.items()
+        if name in found
+    ]
+
+
+def sites_inside(radio_map: RadioMap, grid: Grid) -> FloatArray:
+    """Different places `[site, 2]` of the sectors within the area [m]."""
+    places = site_places_m(radio_map)
+    x_m, y_m = plane_edges_m(grid)
+    inside = (places[:, 0] >= x_m[0]) & (places[:, 0] <= x_m[-1]) & (places[:, 1] >= y_m[0]) & (places[:, 1] <= y_m[-1])
+    return places[inside]
+
+
+def site_places_m(radio_map: RadioMap) -> FloatArray:
+    """Different places `[site, 2]` of all sectors [m], in their order; none for a map without sectors."""
+    if "sector_x_m" not in radio_map.coords or "sector_y_m" not in radio_map.coords:
+        return np.empty((0, 2))
+    places = np.stack([radio_map["sector_x_m"].values, radio_map["sector_y_m"].values], axis=-1).round(3)
+    _, first = np.unique(places, axis=0, return_index=True)
+    return np.asarray(places[np.sort(first)], dtype=np.float64)
+
+
+def draw_sites(axes: Axes, places_m: FloatArray) -> None:
+    """Mark sites by white triangles."""
+    # A line without points has no extent, and the layout gives up on it.
+    if not len(places_m):
+        return
+    axes.plot(*places_m.T, "^", markersize=8, markerfacecolor="white", markeredgecolor="black", zorder=4, clip_on=False)
+
+
+def site_handle() -> Line2D:
+    """Legend entry of a site."""
+    return Line2D([], [], linestyle="", marker="^", markersize=8, markerfacecolor="white", markeredgecolor="black", label="site")
+
+
+def outline_handle(label: str) -> Line2D:
+    """Legend entry of an outlined area."""
+    return Line2D(
+        [],
+        [],
+        color="white",
+        linewidth=1.2,
+        label=label,
+        path_effects=[patheffects.Stroke(linewidth=2.2, foreground="0.15"), patheffects.Normal()],
+    )

@@ -1,0 +1,268 @@
+"""The run folder: everything of one run, each file made on its own and written atomically.
+
+`scenario.toml map.nc run.json state.safetensors train.nc policy.safetensors eval.nc report.html figures/`
+"""
+
+import json
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cellpilot.errors import InputError
+from cellpilot.evaluate import Evaluation, evaluate
+from cellpilot.evaluate.flights import SINR_LEVELS_DB
+from cellpilot.experiment import fingerprint, make_learner, make_map, make_policies, make_task, shipped_policy
+from cellpilot.policies import PolicyParameters, load_parameters
+from cellpilot.provenance import versions, write_atomically
+from cellpilot.scenario import SHIPPED, Scenario, dump_scenario, find_scenario, load_scenario
+from cellpilot.task import Task
+from cellpilot.world import World
+
+if TYPE_CHECKING:
+    from cellpilot.learn.trainer import TrainingProgress, TrainingResult
+    from cellpilot.maps import RadioMap
+
+MARKERS = ("scenario.toml", "run.json")
+FILES = {
+    *MARKERS,
+    "map.nc",
+    "state.safetensors",
+    "train.nc",
+    "policy.safetensors",
+    "eval.nc",
+    "report.html",
+    "figures",
+    "ablation",
+    "ablation.nc",
+    "sensitivity",
+    "sensitivity.nc",
+}
+"""Everything a run folder can hold; only a folder with nothing else is ever replaced."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A folder, its scenario and seed, and the map with what follows from it."""
+
+    folder: Path
+    scenario: Scenario
+    seed: int
+    radio_map: "RadioMap"
+    world: World
+    task: Task
+
+    @property
+    def policy_file(self) -> Path:
+        """Where the trained policy lies."""
+        return self.folder / "policy.safetensors"
+
+    def parameters(self) -> PolicyParameters | None:
+        """The trained policy, None before training has finished."""
+        return load_parameters(self.policy_file) if self.policy_file.exists() else None
+
+    def update_facts(self, **facts: Any) -> None:
+        """Add entries to `run.json`."""
+        path = self.folder / "run.json"
+        write_json(path, json.loads(path.read_text()) | facts)
+
+
+def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force: bool = False) -> Run:
+    """Make the map and a new folder; `InputError` if it already holds a run (unless `force`) or other files."""
+    occupied = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+    replaceable = occupied and folder.is_dir() and {entry.name for entry in folder.iterdir()} <= FILES
+    if occupied and not (force and replaceable):
+        hint = "go on with --resume, or replace it with --force" if _holds_run(folder) else "choose an empty folder"
+        raise InputError(f"{folder} is not empty; {hint}")
+    radio_map = make_map(scenario.map)
+    run = _assemble(folder, scenario, seed, radio_map)
+    if occupied:
+        shutil.rmtree(folder)
+    from cellpilot.maps import save_map
+
+    folder.mkdir(parents=True, exist_ok=True)
+    save_map(radio_map, folder / "map.nc")
+    facts = {"seed": seed, "command": command, "versions": versions(), "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+    write_json(folder / "run.json", facts)
+    write_atomically(folder / "scenario.toml", lambda path: path.write_text(dump_scenario(scenario)))
+    return run
+
+
+def open_or_create_run(folder: Path, scenario: Scenario, command: str, seed: int = 0) -> Run:
+    """A new run, or the one in the folder if it is of the same scenario and seed; else `InputError`."""
+    if not _holds_run(folder):
+        return create_run(folder, scenario, seed, command)
+    run = open_run(folder)
+    if (run.scenario, run.seed) != (scenario, seed):
+        raise InputError(f"{folder} holds a run of other settings or another seed; choose another --out")
+    return run
+
+
+def open_run(name: str | Path) -> Run:
+    """The run in a folder; `InputError` if the folder is missing or no run."""
+    folder = Path(name)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such run folder; expected one that cellpilot run or train has written")
+    missing = [marker for marker in (*MARKERS, "map.nc") if not (folder / marker).is_file()]
+    if missing:
+        raise InputError(
+            f"{folder}: not a run folder, {missing[0]} is missing; expected one that cellpilot run or train has written"
+        )
+    from cellpilot.maps import load_map
+
+    try:
+        seed = json.loads((folder / "run.json").read_text())["seed"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{folder / 'run.json'}: not readable as a run ({error})") from error
+    return _assemble(folder, load_scenario(folder / "scenario.toml"), seed, load_map(folder / "map.nc"))
+
+
+def open_run_or_shipped(name: str, command: str) -> Run:
+    """The run in a folder, or a new run folder `runs/NAME-shipped` around a policy that ships with the package."""
+    if Path(name).is_dir() or not (SHIPPED / f"{Path(name).name}.safetensors").is_file():
+        return open_run(name)
+    folder = Path("runs") / f"{Path(name).name}-shipped"
+    if _holds_run(folder) and (folder / "policy.safetensors").is_file():
+        return open_run(folder)
+    source = find_scenario(Path(name).name)
+    parameters = shipped_policy(source)
+    assert parameters is not None
+    run = create_run(folder, load_scenario(source), int(parameters.about.get("seed", 0)), command, force=True)
+    write_atomically(run.policy_file, lambda path: shutil.copyfile(source.with_suffix(".safetensors"), path))
+    return run
+
+
+def train_run(run: Run, progress: "Callable[[TrainingProgress], None]" = lambda progress: None) -> "TrainingResult":
+    """Train, going on from the folder's checkpoint if there is one; writes state, learning curve and policy."""
+    from cellpilot.envs.arena import make_arena
+    from cellpilot.learn.checkpoint import policy_parameters
+    from cellpilot.learn.trainer import train
+    from cellpilot.policies.learned import save_parameters
+
+    settings = make_learner(run.scenario.learner)
+    arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
+    mark = fingerprint(run.scenario, run.world)
+    checkpoint = run.folder / "state.safetensors"
+    result = train(settings, run.task, arena, run.seed, checkpoint=checkpoint, fingerprint=mark, progress=progress)
+    if not result.finished:
+        return result
+    about = {"scenario": run.scenario.name, "seed": run.seed, "fingerprint": mark, "task": asdict(run.task)}
+    parameters = policy_parameters(result.state.online, settings.architecture, run.world.grid.sides, about)
+    save_parameters(parameters, run.policy_file)
+    _write_history(run, result)
+    run.update_facts(
+        train_wall_s=round(result.train_wall_s, 3),
+        compile_s=round(result.compile_s, 3),
+        updates=settings.episodes * settings.updates_per_episode,
+        env_steps=result.env_steps,
+    )
+    return result
+
+
+def evaluate_run(
+    run: Run, radio_map: "RadioMap | None" = None, progress: Callable[[float], None] = lambda share: None
+) -> Evaluation:
+    """Evaluate baseline, optima and the learned policy on the run's map (or another of the same grid)."""
+    settings, task = run.scenario.evaluation, run.scenario.task
+    world = run.world if radio_map is None else World.from_map(radio_map, task.noise_std_db)
+    policies = make_policies(world, run.task, settings.boltzmann_temperature, run.parameters())
+    return evaluate(
+        world,
+        run.task,
+        policies,
+        seed=settings.seed,
+        n_sampled=settings.n_sampled,
+        start=task.start,
+        goal=task.goal,
+        max_exhaustive_pairs=settings.max_exhaustive_pairs,
+        progress=progress,
+    )
+
+
+def payload(run: Run, evaluation: Evaluation) -> dict[str, Any]:
+    """What `evaluate --json` prints."""
+    return {
+        "scenario": run.scenario.name,
+        "exhaustive": evaluation.exhaustive,
+        "n_pairs": evaluation.n_pairs,
+        "unreachable_pairs": evaluation.unreachable_pairs,
+        "policies": evaluation.policies,
+        "sampled": evaluation.sampled,
+    }
+
+
+def save_evaluation(run: Run, evaluation: Evaluation) -> Path:
+    """Write `eval.nc`: flights and SINR distribution by policy, metrics as JSON in an attribute."""
+    import xarray as xr
+
+    names = list(evaluation.flights)
+    columns = {
+        "reached": ("1", "goal reached"),
+        "n_steps": ("1", "steps flown"),
+        "shortest_steps": ("1", "steps of the shortest allowed path"),
+        "drawn_return": ("1", "return"),
+        "low_steps": ("1", "steps measured below the threshold"),
+        "longest_outage_steps": ("1", "longest run of steps below the threshold"),
+    }
+    flights = {
+        column: (
+            ("policy", "flight"),
+            np.stack([getattr(evaluation.flights[name], column) for name in names]),
+            {"units": units, "long_name": text},
+        )
+        for column, (units, text) in columns.items()
+    }
+    histogram = np.stack([evaluation.sinr_histogram[name] for name in names])
+    dataset = xr.Dataset(
+        flights
+        | {
+            "sinr_histogram": (("policy", "sinr_bin"), histogram, {"units": "1", "long_name": "measurements between levels"}),
+            "sinr_level_db": (("sinr_level",), SINR_LEVELS_DB, {"units": "dB", "long_name": "SINR level"}),
+        },
+        coords={"policy": names},
+        attrs={
+            "metrics": json.dumps(payload(run, evaluation)),
+            "task": json.dumps(asdict(run.task)),
+            "noise_std_db": run.world.noise_std_db,
+        },
+    )
+    path = run.folder / "eval.nc"
+    write_atomically(path, lambda temporary: dataset.to_netcdf(temporary, engine="h5netcdf"))
+    return path
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write JSON atomically."""
+    write_atomically(path, lambda temporary: temporary.write_text(json.dumps(content, indent=2) + "\n"))
+
+
+def _assemble(folder: Path, scenario: Scenario, seed: int, radio_map: "RadioMap") -> Run:
+    world = World.from_map(radio_map, scenario.task.noise_std_db)
+    world.start_goal_cells(scenario.task.start, scenario.task.goal)
+    return Run(folder, scenario, seed, radio_map, world, make_task(scenario.task, world.grid))
+
+
+def _holds_run(folder: Path) -> bool:
+    return all((folder / marker).is_file() for marker in MARKERS)
+
+
+def _write_history(run: Run, result: "TrainingResult") -> None:
+    import xarray as xr
+
+    learner = run.scenario.learner
+    texts = {
+        "episode_return": "return of the exploring policy",
+        "n_steps": "steps flown",
+        "reached": "goal reached",
+        "exploration": "temperature" if learner.exploration == "boltzmann" else "epsilon",
+    }
+    dataset = xr.Dataset(
+        {name: (("episode",), result.history[name], {"units": "1", "long_name": text}) for name, text in texts.items()},
+        coords={"episode": np.arange(learner.episodes)},
+        attrs={"exploration": learner.exploration, "seed": run.seed},
+    )
+    write_atomically(run.folder / "train.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))

@@ -1,0 +1,248 @@
+"""`Scenario` = map + task + learner + evaluation. TOML files and command-line flags are two views of it.
+
+Every value of the thesis is a default here, with its table or section. Unknown keys are refused.
+"""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
+
+from cellpilot.errors import InputError
+
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+Pair = Annotated[tuple[Finite, Finite], Strict(False)]
+Cell = Annotated[tuple[int, int, int], Strict(False)]
+Floats = Annotated[tuple[Finite, ...], Strict(False)]
+Paths = Annotated[tuple[Annotated[Path, Strict(False)], ...], Strict(False)]
+
+
+class Settings(BaseModel):
+    """Base of all sections: frozen, strict types, unknown keys refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class SimulatedMap(Settings):
+    """A map simulated after 3GPP TR 36.777 over a hexagonal deployment."""
+
+    kind: Annotated[Literal["simulated"], tyro.conf.Suppress] = "simulated"
+    heights_m: Floats = Field((30.0,), description="flight heights [m], increasing (section 4.2.1: 30, or 20..100)")
+    x_range_m: Pair = Field((-200.0, 200.0), description="west and east border [m] (section 4.2.1)")
+    y_range_m: Pair = Field((-200.0, 200.0), description="south and north border [m] (section 4.2.1)")
+    bin_m: Positive = Field(20.0, description="side of a cell [m] (section 4.2.1)")
+    points_per_side: Count = Field(8, description="simulated points along each side of a cell, averaged in dB")
+    environment: Literal["UMa-AV", "UMi-AV", "RMa-AV"] = Field("UMa-AV", description="3GPP TR 36.777 scenario")
+    los: Literal["soft", "sampled", "los", "nlos"] = Field("soft", description="line of sight: averaged, drawn or forced")
+    shadowing_seed: int | None = Field(None, ge=0, description="seed of shadowing and sampled LOS; None = no shadowing")
+    rings: int = Field(1, ge=0, description="rings of sites around the centre site; 1 = 7 sites (Table 4.1)")
+    inter_site_distance_m: Positive = Field(500.0, description="distance between sites [m] (Table 4.1)")
+    boresights_deg: Floats = Field((30.0, 150.0, 270.0), description="sector boresights, counter-clockwise from east [deg]")
+    base_height_m: Positive = Field(25.0, description="antenna height [m] (section 4.2.1)")
+    power_dbm: Finite = Field(48.0, description="power of each sector [dBm] (Table 4.1)")
+    carrier_hz: Positive = Field(2e9, description="carrier frequency [Hz] (Table 4.1)")
+    bandwidth_hz: Positive = Field(10e6, description="carrier bandwidth [Hz] (Table 4.1)")
+    noise_figure_db: Finite = Field(9.0, description="receiver noise figure [dB]")
+    load: float = Field(1.0, ge=0, le=1, description="share of resources the interferers use (0..1)")
+    antenna_elements: Count = Field(10, description="elements of the antenna column")
+    antenna_spacing_wavelengths: Positive = Field(0.8, description="distance between elements [wavelengths]")
+    electrical_tilt_deg: Finite = Field(7.0, description="electrical downtilt [deg]")
+    mechanical_tilt_deg: Finite = Field(0.0, description="mechanical downtilt [deg]")
+    array_factor_floor_db: Finite = Field(-40.0, description="null fill of the array factor [dB]")
+
+
+class MeasuredMap(Settings):
+    """A map gridded from measured logs."""
+
+    kind: Annotated[Literal["measured"], tyro.conf.Suppress] = "measured"
+    logs: Paths = Field((), description="log files; several files = several heights")
+    altitude_m: float | None = Field(None, ge=0, description="height of the logs [m]; None = read from the file name")
+    bin_m: Positive = Field(40.0, description="side of a cell [m]")
+    fill_radius_m: NonNegative = Field(80.0, description="fill holes from neighbours within [m]; 0 = leave holes")
+    mask: Annotated[tuple[Finite, Finite, Finite], Strict(False)] | None = Field(
+        None, description="leave out samples within LAT LON RADIUS_M; None = the hover at take-off, if there is one"
+    )
+    unknown: Literal["blocked", "bad"] = Field("blocked", description="what an unknown cell is: not to be entered, or bad signal")
+
+
+class MapFile(Settings):
+    """A radio map read from a NetCDF file."""
+
+    kind: Annotated[Literal["file"], tyro.conf.Suppress] = "file"
+    path: Annotated[Path, Strict(False)] = Field(Path("map.nc"), description="RadioMap file (cellpilot map writes them)")
+
+
+class RewardSettings(Settings):
+    """What a flight earns and when it ends (section 4.2.2)."""
+
+    rho_goal: Finite = Field(10.0, description="reward for reaching the goal (Table 4.2)")
+    rho_sinr: Finite = Field(-1.0, description="reward of a step below the threshold (Table 4.2)")
+    rho_step: Finite = Field(-0.1, description="reward of every step (Table 4.2)")
+    rho_blocked: Finite = Field(0.0, description="reward of a move that a blocked cell stops")
+    threshold_db: Finite = Field(3.0, description="SINR threshold [dB] (section 4.4.2)")
+    noise_std_db: NonNegative = Field(
+        0.0, description="standard deviation of the noise drawn at every step [dB] (section 5.2: 2)"
+    )
+    discount: float = Field(0.995, gt=0, le=1, description="discount factor (Table 4.3)")
+    max_steps: Count | None = Field(
+        None, description="cap on steps; None = ten times the sum of the sides (section 4.2.2: 400, 450)"
+    )
+
+
+class TaskSettings(RewardSettings):
+    """What a flight earns, when it ends and between which cells it leads (section 4.2.2)."""
+
+    start: Cell | None = Field(None, description="fixed start IX IY IZ; None = drawn uniformly")
+    goal: Cell | None = Field(None, description="fixed goal IX IY IZ; None = drawn uniformly")
+
+
+class LearnerSettings(Settings):
+    """The published learner DDQN-HER (section 4.3)."""
+
+    algorithm: Literal["ddqn-her"] = Field("ddqn-her", description="learning algorithm")
+    episodes: Count = Field(30_000, description="number of episodes N (Table 4.3: 30,000 in 2D, 50,000 in 3D)")
+    batch_size: Count = Field(32, description="mini-batch size (Table 4.3)")
+    replay_capacity: Count = Field(500_000, description="experiences in the replay memory, hindsight included (Table 4.3)")
+    replay_start: Count = Field(50_000, description="random experiences M before learning, hindsight included (Table 4.3)")
+    updates_per_episode: Count = Field(30, description="optimization steps after each episode (Table 4.3)")
+    target_period: Count = Field(10, description="episodes between renewals of the target network C (Table 4.3)")
+    learning_rate: Positive = Field(1e-3, description="learning rate of Adam (Table 4.3)")
+    exploration: Literal["boltzmann", "epsilon-greedy"] = Field("boltzmann", description="exploration (section 3.1.6)")
+    initial_exploration: NonNegative = Field(2.0, description="initial temperature, or epsilon (Table 4.3)")
+    final_exploration: NonNegative = Field(0.1, description="final temperature, or epsilon (Table 4.3)")
+    exploration_fraction: float = Field(0.5, gt=0, le=1, description="share of episodes of the descent (Table 4.3: 0.5, 3D 0.7)")
+    hindsight: bool = Field(True, description="hindsight experience replay on or off (section 5.4)")
+    hindsight_ratio: Count = Field(2, description="hindsight goals stored beside each own experience, k (Table 4.3)")
+    hindsight_strategy: Literal["future", "final", "episode"] = Field("future", description="hindsight goals (section 3.3.4)")
+    double: bool = Field(True, description="double Q-learning on or off (section 5.4)")
+    architecture: Literal["concatenated", "two-stream"] = Field("concatenated", description="value network (section 3.3.3)")
+    hidden_layers: Count = Field(3, description="hidden layers (section 4.3)")
+    hidden_units: Count = Field(50, description="units of each hidden layer (section 4.3)")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "LearnerSettings":
+        if self.replay_start > self.replay_capacity:
+            raise ValueError(f"replay_start {self.replay_start} is larger than replay_capacity {self.replay_capacity}; lower it")
+        if self.exploration == "epsilon-greedy" and max(self.initial_exploration, self.final_exploration) > 1:
+            raise ValueError("epsilon-greedy needs initial_exploration and final_exploration between 0 and 1")
+        return self
+
+
+class EvaluationSettings(Settings):
+    """How policies are compared (section 4.4)."""
+
+    n_sampled: Count = Field(10_000, description="sampled flights (section 4.4)")
+    seed: int = Field(0, ge=0, description="seed of instances and noise")
+    boltzmann_temperature: Positive = Field(0.1, description="temperature of the stochastic learned policy")
+    max_exhaustive_pairs: Annotated[int, Field(ge=0)] = Field(5_000_000, description="fly all pairs exactly below this number")
+
+
+MapSettings = SimulatedMap | MeasuredMap | MapFile
+
+
+class Scenario(Settings):
+    """One experiment."""
+
+    name: str = Field("scenario", description="name in tables and files")
+    map: MapSettings = Field(SimulatedMap(), discriminator="kind")
+    task: TaskSettings = TaskSettings()
+    learner: LearnerSettings = LearnerSettings()
+    evaluation: EvaluationSettings = EvaluationSettings()
+
+
+SHIPPED = Path(__file__).parent / "scenarios"
+
+
+def find_scenario(name: str) -> Path:
+    """The file of that path, or the shipped scenario of that name; `InputError` if there is neither."""
+    path = Path(name)
+    if path.is_file():
+        return path
+    shipped = sorted(p.stem for p in SHIPPED.glob("*.toml"))
+    if name in shipped:
+        return SHIPPED / f"{name}.toml"
+    raise InputError(f"{name}: no such scenario file; expected a TOML file or one of {', '.join(shipped)}")
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Read a scenario; `InputError` names the file, the line and the field of what is wrong.
+
+    Relative paths in it are relative to the working directory, as on the command line.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such scenario file")
+    try:
+        text = path.read_text(encoding="utf-8")
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from error
+    if not data:
+        raise InputError(f"{path}: the file is empty; expected sections map, task, learner, evaluation")
+    data.setdefault("name", path.stem)
+    if isinstance(data.get("map"), dict):
+        data["map"].setdefault("kind", "simulated")
+    return validated(Scenario, data, str(path), text)
+
+
+def validated(model: type[Scenario], data: dict[str, Any], where: str, text: str = "") -> Scenario:
+    """`model` built from data; the first problem becomes a one-line `InputError`."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(describe(error, where, text)) from error
+
+
+def describe(error: ValidationError, where: str, text: str = "") -> str:
+    """One line for the first problem of a pydantic error: file and line, field, what was found, what was expected."""
+    first = error.errors(include_url=False)[0]
+    keys = [str(key) for key in first["loc"] if str(key) not in ("simulated", "measured", "file")]
+    line = _line_of(keys, text)
+    place = f"{where}:{line}" if line else where
+    field = ".".join(keys) or "settings"
+    if first["type"] == "extra_forbidden":
+        return f"{place}: unknown key {field}; see cellpilot run --help for the settings"
+    message = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
+    found = "" if first["type"] == "value_error" else f" is {first['input']!r}"
+    return f"{place}: {field}{found}: {message[0].lower()}{message[1:]}"
+
+
+def _line_of(keys: list[str], text: str) -> int | None:
+    """Line of `key` within `[section]`, counted from 1."""
+    if not keys:
+        return None
+    section, found_section = "", None
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := re.match(r"\s*\[\s*([\w.-]+)\s*\]", line):
+            section = header[1]
+            found_section = number if section == keys[0] else found_section
+        elif key := re.match(r"\s*([\w-]+)\s*=", line):
+            if [*filter(None, [section]), key[1]] == keys[:2] or (not section and [key[1]] == keys):
+                return number
+    return found_section
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """The scenario as TOML text that `load_scenario` reads back equal."""
+    lines = [f"name = {_toml(scenario.name)}"]
+    for section, values in scenario.model_dump(mode="json").items():
+        if isinstance(values, dict):
+            lines += ["", f"[{section}]"]
+            lines += [f"{key} = {_toml(value)}" for key, value in values.items() if value is not None]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+        return f'"{escaped}"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return repr(value)

@@ -1,0 +1,168 @@
+"""Studies over many trainings or many rewards: the ablation of section 5.4 and the sensitivity of section 4.2.2."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cellpilot.evaluate.evaluation import exhaustive_summary
+from cellpilot.evaluate.metrics import METRICS
+from cellpilot.experiment import fingerprint, make_learner
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
+from cellpilot.provenance import write_atomically
+from cellpilot.runs import Run
+from cellpilot.task import Task
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+VARIANTS = {"DQN": (False, False), "DDQN": (True, False), "DQN+HER": (False, True), "DDQN+HER": (True, True)}
+"""Figure 5.19: name -> (double, hindsight)."""
+
+EARLY_EPISODES = 3_000
+"""The first part of training, over which the area under the learning curve is compared."""
+
+RATIOS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+GOAL_REWARDS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+SENSITIVITY_METRICS = ("low_sinr_share", "path_ratio_mean", "path_ratio_p90", "reached_share")
+
+
+def ablation(run: Run, n_seeds: int, jobs: int, progress: Callable[[float], None] = lambda share: None) -> "xr.Dataset | None":
+    """Learning curves `episode_return (variant, seed, episode)` of the four variants, seeds 0..n-1, into `ablation.nc`.
+
+    `jobs` trainings run at a time. Finished ones are kept in the folder `ablation/`, unfinished ones as checkpoints, so
+    an interrupted study goes on where it stopped; None if it was interrupted.
+    """
+    import xarray as xr
+
+    from cellpilot.envs.arena import make_arena
+    from cellpilot.learn.trainer import TrainingResult, interruptible, train
+
+    arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
+    folder = run.folder / "ablation"
+    tasks = [(name, seed) for seed in range(n_seeds) for name in VARIANTS]
+    done = dict.fromkeys(tasks, 0.0)
+    curves: dict[tuple[str, int], np.ndarray] = {}
+
+    def one(name: str, seed: int, stop: Callable[[], bool]) -> np.ndarray | None:
+        double, hindsight = VARIANTS[name]
+        learner = run.scenario.learner.model_copy(update={"double": double, "hindsight": hindsight})
+        mark = fingerprint(run.scenario.model_copy(update={"learner": learner}), run.world)
+        file = folder / f"{name}-{seed}-{mark}.npy"
+        if file.is_file():
+            return np.asarray(np.load(file))
+        result: TrainingResult = train(
+            make_learner(learner),
+            run.task,
+            arena,
+            seed,
+            checkpoint=folder / f"{name}-{seed}.safetensors",
+            fingerprint=mark,
+            progress=lambda p: done.__setitem__((name, seed), p.episode / p.episodes),
+            interrupted=stop,
+        )
+        if not result.finished:
+            return None
+        curve = result.history["episode_return"]
+        write_atomically(file, lambda path: np.save(path, curve))
+        (folder / f"{name}-{seed}.safetensors").unlink()
+        return curve
+
+    with interruptible() as stop, ThreadPoolExecutor(jobs) as pool:
+        futures: dict[Future[np.ndarray | None], tuple[str, int]] = {pool.submit(one, *t, stop.is_set): t for t in tasks}
+        waiting = set(futures)
+        while waiting:
+            finished, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
+            for future in finished:
+                curve = future.result()
+                if curve is not None:
+                    curves[futures[future]] = curve
+                    done[futures[future]] = 1.0
+            progress(sum(done.values()) / len(tasks))
+        if stop.is_set() and len(curves) < len(tasks):
+            return None
+    values = np.stack([[curves[name, seed] for seed in range(n_seeds)] for name in VARIANTS]).astype(np.float32)
+    dataset = xr.Dataset(
+        {"episode_return": (("variant", "seed", "episode"), values, {"units": "1", "long_name": "return of the exploring policy"})},
+        coords={"variant": list(VARIANTS), "seed": np.arange(n_seeds)},
+        attrs={"scenario": run.scenario.name},
+    )
+    write_atomically(run.folder / "ablation.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))
+    return dataset
+
+
+def early_return(dataset: "xr.Dataset") -> dict[str, tuple[float, float]]:
+    """Mean return per episode over the first 3,000 episodes by variant: mean and standard deviation over seeds.
+
+    This is the area under the learning curve divided by its width.
+    """
+    early = dataset["episode_return"].isel(episode=slice(EARLY_EPISODES)).mean("episode")
+    spread = early.std("seed", ddof=1) if early.sizes["seed"] > 1 else early.std("seed")
+    return {str(name): (float(early.sel(variant=name).mean()), float(spread.sel(variant=name))) for name in early["variant"].values}
+
+
+def sensitivity(run: Run, learned: bool, progress: Callable[[float], None] = lambda share: None) -> "xr.Dataset | None":
+    """Share below the threshold and detour as the reward parameters vary one at a time, into `sensitivity.nc`.
+
+    Exact figures of the baseline and of the optimum for each reward; with `learned` the scenario's learner is trained
+    at each point too. None if it was interrupted.
+    """
+    import xarray as xr
+
+    points = list(_points(run.task))
+    rows: list[dict[str, object]] = []
+    for i, (knob, value, task) in enumerate(points):
+        policies: list[Policy] = [GreedyPolicy(run.world), OptimalPolicy(run.world, task)]
+        if learned:
+            within = partial(_within, progress, i, len(points))
+            trained = _train_for(run, task, f"{knob.replace('/', '-')}-{value:g}", within)
+            if trained is None:
+                return None
+            policies.append(trained)
+        for policy in policies:
+            summary = exhaustive_summary(
+                np.random.default_rng(0), run.world, task, policy, run.scenario.task.start, run.scenario.task.goal
+            )
+            figures = {name: METRICS[name].compute(summary) for name in SENSITIVITY_METRICS}
+            rows.append({"knob": knob, "value": value, "policy": policy.name} | figures)
+        progress((i + 1) / len(points))
+    columns = {name: ("point", np.array([row[name] if row[name] is not None else np.nan for row in rows])) for name in rows[0]}
+    dataset = xr.Dataset(
+        columns,
+        attrs={"default_ratio": run.task.rho_sinr / run.task.rho_step, "default_rho_goal": run.task.rho_goal},
+    )
+    write_atomically(run.folder / "sensitivity.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))
+    return dataset
+
+
+def _within(progress: Callable[[float], None], i: int, n: int, share: float) -> None:
+    progress((i + share) / n)
+
+
+def _points(task: Task) -> Iterator[tuple[str, float, Task]]:
+    for ratio in RATIOS:
+        yield "rho_sinr/rho_step", ratio, replace(task, rho_sinr=ratio * task.rho_step)
+    for reward in GOAL_REWARDS:
+        yield "rho_goal", reward, replace(task, rho_goal=reward)
+
+
+def _train_for(run: Run, task: Task, name: str, progress: Callable[[float], None]) -> LearnedPolicy | None:
+    from cellpilot.envs.arena import make_arena
+    from cellpilot.learn.checkpoint import policy_parameters
+    from cellpilot.learn.trainer import train
+
+    settings = make_learner(run.scenario.learner)
+    arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
+    checkpoint: Path = run.folder / "sensitivity" / f"{name}.safetensors"
+    mark = fingerprint(run.scenario, run.world) + name
+    result = train(
+        settings, task, arena, run.seed, checkpoint=checkpoint, fingerprint=mark, progress=lambda p: progress(p.episode / p.episodes)
+    )
+    if not result.finished:
+        return None
+    parameters = policy_parameters(result.state.online, settings.architecture, run.world.grid.sides, {})
+    return LearnedPolicy(parameters, run.world.grid, run.scenario.evaluation.boltzmann_temperature)

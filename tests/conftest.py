@@ -1,0 +1,136 @@
+"""Shared by all tests: checked annotations, small worlds, and a plain Python world to compare against."""
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import jaxtyping
+import numpy as np
+import pytest
+from hypothesis import settings
+
+HOOK = jaxtyping.install_import_hook(["cellpilot.envs", "cellpilot.learn"], "beartype.beartype")
+
+from cellpilot.grid import Grid  # noqa: E402
+from cellpilot.world import World  # noqa: E402
+
+settings.register_profile("cellpilot", deadline=None, max_examples=40)
+settings.load_profile("cellpilot")
+
+Triple = tuple[int, int, int]
+DIRECTIONS = {"north": (0, 1, 0), "south": (0, -1, 0), "east": (1, 0, 0), "west": (-1, 0, 0), "up": (0, 0, 1), "down": (0, 0, -1)}
+
+
+@dataclass(frozen=True)
+class PlainWorld:
+    """An independent world of tuples, sets and dictionaries; knows nothing of `Grid` and `World`."""
+
+    sides: Triple
+    blocked: frozenset[Triple]
+
+    @property
+    def moves(self) -> list[Triple]:
+        """Moves in the order of the actions; without up and down where there is one height."""
+        names = ["north", "south", "east", "west"] + (["up", "down"] if self.sides[2] > 1 else [])
+        return [DIRECTIONS[name] for name in names]
+
+    @property
+    def positions(self) -> list[Triple]:
+        """All positions in the order of cell numbers: x runs fastest, then y, then z."""
+        nx, ny, nz = self.sides
+        return [(x, y, z) for z in range(nz) for y in range(ny) for x in range(nx)]
+
+    def cell(self, position: Triple) -> int:
+        """Number of a position, by counting."""
+        return self.positions.index(position)
+
+    def step(self, position: Triple, action: int) -> tuple[Triple, bool]:
+        """Position after the action, and whether a blocked one stopped it."""
+        x, y, z = (a + b for a, b in zip(position, self.moves[action], strict=True))
+        if not (0 <= x < self.sides[0] and 0 <= y < self.sides[1] and 0 <= z < self.sides[2]):
+            return position, False
+        return (position, True) if (x, y, z) in self.blocked else ((x, y, z), False)
+
+    def distances(self, source: Triple) -> dict[Triple, int]:
+        """Moves from every position that can be reached, breadth first."""
+        found, queue = {source: 0}, deque([source])
+        while queue:
+            here = queue.popleft()
+            for action in range(len(self.moves)):
+                there, _ = self.step(here, action)
+                if there not in found:
+                    found[there] = found[here] + 1
+                    queue.append(there)
+        return found
+
+    def parts(self) -> list[set[Triple]]:
+        """Connected parts of the free positions, by flood fill."""
+        left = {p for p in self.positions if p not in self.blocked}
+        parts = []
+        while left:
+            part = set(self.distances(next(iter(left))))
+            parts.append(part)
+            left -= part
+        return parts
+
+
+MakeWorld = Callable[..., World]
+
+
+@pytest.fixture(scope="session")
+def make_world() -> MakeWorld:
+    """A world from its sides; SINR (default 10 dB everywhere), blocked positions and spreads as asked for."""
+
+    def make(
+        sides: Triple,
+        sinr_db: object = 10.0,
+        blocked: Iterable[Triple] = (),
+        noise_std_db: float = 0.0,
+        sinr_std_db: object = 0.0,
+    ) -> World:
+        grid = Grid(*(tuple(20.0 * i + 10.0 for i in range(n)) for n in sides))
+        n = grid.n_cells
+        mask = np.zeros(sides[::-1], bool)
+        for x, y, z in blocked:
+            mask[z, y, x] = True
+        sinr = np.broadcast_to(np.asarray(sinr_db, np.float32), n).copy()
+        std = np.broadcast_to(np.asarray(sinr_std_db, np.float32), n).copy()
+        return World(grid, sinr, std, noise_std_db, mask.ravel())
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def random_world(make_world: MakeWorld) -> MakeWorld:
+    """A world with random SINR around the threshold and random blocked cells; the first two cells stay free."""
+
+    def make(
+        seed: int,
+        sides: Triple,
+        blocked_share: float = 0.0,
+        noise_std_db: float = 0.0,
+        sinr_std_db: float = 0.0,
+        n_free_first: int = 2,
+    ) -> World:
+        rng = np.random.default_rng(seed)
+        n = sides[0] * sides[1] * sides[2]
+        chosen = rng.random(n) < blocked_share
+        chosen[:n_free_first] = False
+        positions = PlainWorld(sides, frozenset()).positions
+        blocked = [p for p, b in zip(positions, chosen, strict=True) if b]
+        return make_world(sides, rng.normal(3.0, 6.0, n), blocked, noise_std_db, sinr_std_db * rng.random(n))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def plain() -> Callable[[World], PlainWorld]:
+    """The plain Python world of a `World`."""
+
+    def make(world: World) -> PlainWorld:
+        empty = PlainWorld(world.grid.sides, frozenset())
+        return PlainWorld(
+            world.grid.sides, frozenset(p for p, b in zip(empty.positions, world.blocked.tolist(), strict=True) if b)
+        )
+
+    return make

@@ -1,0 +1,78 @@
+"""The benchmark's own facts: its Gymnasium environment flies the same task, its arithmetic and its report are right."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellpilot.task import Transition
+
+
+@pytest.fixture(autouse=True)
+def _benchmarks_on_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
+
+
+def test_flop_of_one_update_by_hand():
+    from ours import flop_per_update
+
+    # layers 2-3-1, batch 1: products of 12 and 6 FLOP; three forward, weight gradients, one input gradient
+    assert flop_per_update((2, 3, 1), 1) == 3 * 18 + 18 + 6
+
+
+def test_report_takes_ratios_within_a_repeat_and_labels_extrapolation():
+    import report
+
+    repeats = [dict.fromkeys(report.QUANTITIES, 1.0) | {"sb3_total_s": 20.0, "ours_total_s": 2.0}]
+    repeats.append(dict.fromkeys(report.QUANTITIES, 1.0) | {"sb3_total_s": 90.0, "ours_total_s": 3.0})
+    summary = report.summarise(repeats)
+    assert summary["training_sb3_over_ours"] == {"median": 20.0, "min": 10.0, "max": 30.0}
+    results = {
+        "command": "c", "date": "d", "minutes": 1.0, "versions": {"jax": "1"}, "repeats": 2, "episodes": 10, "episodes_whole": 20,
+        "extrapolated": True, "updates": 600, "torch_threads": 1, "flop_per_update": 24, "summary": summary,
+        "machine": {"cpu": "x", "cores": 2, "system": "Linux", "load_before": 0.1, "load_highest": 1.2},
+    }  # fmt: skip
+    text = report.markdown(results)
+    assert "EXTRAPOLATED from the first 10 of 20" in text
+    assert "| whole training: SB3 / cellpilot | 20.0 | 10.0 - 30.0 | x |" in text
+    assert "BUSY" not in text
+    results["machine"]["load_before"] = 3.0
+    assert "BUSY" in report.markdown(results)
+    assert "EXTRAPOLATED" not in report.markdown(results | {"extrapolated": False})
+
+
+def test_goal_flight_agrees_with_world_and_task():
+    pytest.importorskip("stable_baselines3")
+    from gymnasium.utils.env_checker import check_env
+    from ours import thesis_case
+    from sb3_run import GoalFlight
+
+    case = thesis_case()
+    world, task = case.world, case.task
+    env = GoalFlight(world, task)
+    check_env(env, skip_render_check=True)
+    rng = np.random.default_rng(1)
+    reached = 0
+    for episode in range(30):
+        observation, _ = env.reset(seed=episode)
+        cell, goal, ended, n_steps = env.cell, env.goal, False, 0
+        assert cell != goal
+        while not ended:
+            action = rng.integers(4)
+            next_cell = world.next_cell[cell, action]
+            facts = Transition(cell, action, next_cell, world.sinr_db[next_cell], world.stopped[cell, action])
+            expected_reward, expected_terminated = task.outcome(facts, goal)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            n_steps += 1
+            assert reward == pytest.approx(expected_reward)
+            assert terminated == expected_terminated
+            assert truncated == (n_steps == task.max_steps and not terminated)
+            np.testing.assert_array_equal(observation["achieved_goal"], np.asarray(case.arena.coordinates)[next_cell])
+            cell, ended = next_cell, terminated or truncated
+        reached += bool(terminated)
+    assert 0 < reached < 30
+    entered, goals = rng.integers(world.grid.n_cells, size=(2, 500))
+    goals[:50] = entered[:50]
+    facts = Transition(entered, None, entered, world.sinr_db[entered], np.zeros(500, bool))
+    rewards = env.compute_reward(env.coordinates[entered], env.coordinates[goals], [{}] * 500)
+    np.testing.assert_allclose(rewards, task.outcome(facts, goals)[0])
