@@ -134,7 +134,8 @@ def threshold_warning(world: World, threshold_db: float) -> str | None:
     if share > 0.95:
         return f"{share:.1%} of the cells lie below {threshold_db:g} dB: hardly any route avoids them; consider a lower threshold"
     if share < 0.01:
-        return f"only {share:.1%} of the cells lie below {threshold_db:g} dB: there is hardly anything to avoid; consider a higher one"
+        few = f"only {share:.1%} of the cells lie below {threshold_db:g} dB"
+        return f"{few}: there is hardly anything to avoid; consider a higher threshold"
     return None
 
 

@@ -183,15 +183,24 @@ def evaluate_run(
     )
 
 
+def finite(value: Any) -> Any:
+    """The same value with infinities and NaN as None: JSON has no word for them."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
 def payload(run: Run, evaluation: Evaluation) -> dict[str, Any]:
-    """What `evaluate --json` prints."""
+    """What `evaluate --json` prints; a path ratio that is infinite (or undefined) is null."""
     return {
         "scenario": run.scenario.name,
         "exhaustive": evaluation.exhaustive,
         "n_pairs": evaluation.n_pairs,
         "unreachable_pairs": evaluation.unreachable_pairs,
-        "policies": evaluation.policies,
-        "sampled": evaluation.sampled,
+        "policies": finite(evaluation.policies),
+        "sampled": finite(evaluation.sampled),
     }
 
 

@@ -221,9 +221,8 @@ def _line_of(keys: list[str], text: str) -> int | None:
         if header := re.match(r"\s*\[\s*([\w.-]+)\s*\]", line):
             section = header[1]
             found_section = number if section == keys[0] else found_section
-        elif key := re.match(r"\s*([\w-]+)\s*=", line):
-            if [*filter(None, [section]), key[1]] == keys[:2] or (not section and [key[1]] == keys):
-                return number
+        elif (key := re.match(r"\s*([\w-]+)\s*=", line)) and [*filter(None, [section]), key[1]] == keys[:2]:
+            return number
     return found_section
 
 

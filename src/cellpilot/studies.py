@@ -87,7 +87,13 @@ def ablation(run: Run, n_seeds: int, jobs: int, progress: Callable[[float], None
             return None
     values = np.stack([[curves[name, seed] for seed in range(n_seeds)] for name in VARIANTS]).astype(np.float32)
     dataset = xr.Dataset(
-        {"episode_return": (("variant", "seed", "episode"), values, {"units": "1", "long_name": "return of the exploring policy"})},
+        {
+            "episode_return": (
+                ("variant", "seed", "episode"),
+                values,
+                {"units": "1", "long_name": "return of the exploring policy"},
+            )
+        },
         coords={"variant": list(VARIANTS), "seed": np.arange(n_seeds)},
         attrs={"scenario": run.scenario.name},
     )
@@ -102,7 +108,9 @@ def early_return(dataset: "xr.Dataset") -> dict[str, tuple[float, float]]:
     """
     early = dataset["episode_return"].isel(episode=slice(EARLY_EPISODES)).mean("episode")
     spread = early.std("seed", ddof=1) if early.sizes["seed"] > 1 else early.std("seed")
-    return {str(name): (float(early.sel(variant=name).mean()), float(spread.sel(variant=name))) for name in early["variant"].values}
+    return {
+        str(name): (float(early.sel(variant=name).mean()), float(spread.sel(variant=name))) for name in early["variant"].values
+    }
 
 
 def sensitivity(run: Run, learned: bool, progress: Callable[[float], None] = lambda share: None) -> "xr.Dataset | None":
@@ -133,7 +141,11 @@ def sensitivity(run: Run, learned: bool, progress: Callable[[float], None] = lam
     columns = {name: ("point", np.array([row[name] if row[name] is not None else np.nan for row in rows])) for name in rows[0]}
     dataset = xr.Dataset(
         columns,
-        attrs={"default_ratio": run.task.rho_sinr / run.task.rho_step, "default_rho_goal": run.task.rho_goal},
+        attrs={
+            "threshold_db": run.task.threshold_db,
+            "default_ratio": run.task.rho_sinr / run.task.rho_step,
+            "default_rho_goal": run.task.rho_goal,
+        },
     )
     write_atomically(run.folder / "sensitivity.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))
     return dataset
@@ -160,7 +172,13 @@ def _train_for(run: Run, task: Task, name: str, progress: Callable[[float], None
     checkpoint: Path = run.folder / "sensitivity" / f"{name}.safetensors"
     mark = fingerprint(run.scenario, run.world) + name
     result = train(
-        settings, task, arena, run.seed, checkpoint=checkpoint, fingerprint=mark, progress=lambda p: progress(p.episode / p.episodes)
+        settings,
+        task,
+        arena,
+        run.seed,
+        checkpoint=checkpoint,
+        fingerprint=mark,
+        progress=lambda p: progress(p.episode / p.episodes),
     )
     if not result.finished:
         return None

@@ -143,6 +143,8 @@ def test_percent_never_rounds_a_failure_away() -> None:
     assert percent(0.000001) == "0.0001 %"
     assert percent(0.034) == "3.40 %"
     assert show(float("inf"), "number") == "∞"
+    assert show(-0.0001, "number") == "0.00"
+    assert show(-2.5701, "score") == "−2.570"
     assert show(None, "percent") == "–"
 
 

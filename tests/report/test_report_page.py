@@ -18,9 +18,9 @@ from rich.console import Console
 from cellpilot.errors import InputError
 from cellpilot.evaluate import METRICS, Evaluation
 from cellpilot.report import text_table, write_report
+from cellpilot.report.content import load_content
 from cellpilot.report.figures import FIGURES
 from cellpilot.report.numbers import percent
-from cellpilot.report.run import load_run
 from cellpilot.report.style import drawing_settings
 from cellpilot.report.thesis import PUBLISHED
 from cellpilot.world import World
@@ -145,7 +145,7 @@ def test_a_sampled_run_says_that_nothing_is_exact(bare: Reported) -> None:
 
 
 def drawn(folder: Path) -> dict[str, Figure]:
-    run = load_run(folder)
+    run = load_content(folder)
     figures = {}
     with drawing_settings():
         for stem, entry in FIGURES.items():
@@ -194,7 +194,7 @@ def test_the_label_check_finds_a_picture_without_labels() -> None:
 
 def test_policy_figures_say_whose_actions_they_show(full: Reported, bare: Reported) -> None:
     for (folder, _), words in ((full, "learned policy (arg max)"), (bare, "the run has no learned one")):
-        title = FIGURES["policy_low_goal"].draw(load_run(folder)).get_suptitle()  # type: ignore[union-attr]
+        title = FIGURES["policy_low_goal"].draw(load_content(folder)).get_suptitle()  # type: ignore[union-attr]
         assert words in title
 
 

@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
     for variant, (mean, spread) in early_return(dataset).items():
         table.add_row(variant, f"{mean:.2f}", f"{spread:.2f}")
     out.print(table)
-    from cellpilot.report import write_figure
+    from cellpilot.report.figures import draw_study
 
-    out.print(f"picture: {write_figure(run.folder, 'ablation')}")
+    out.print(f"picture: {draw_study(run.folder, 'ablation')}")
     return 0

@@ -21,8 +21,8 @@ def warn(message: str | None) -> None:
 
 
 @contextmanager
-def training_bar(episodes: int) -> "Iterator[Callable[[TrainingProgress], None]]":
-    """A bar with episodes, rate, time left, return, share reached and temperature."""
+def training_bar(episodes: int, explores: str) -> "Iterator[Callable[[TrainingProgress], None]]":
+    """A bar with episodes, rate, time left, return, share reached and exploration (`explores` names it)."""
     columns = (
         TextColumn("train"),
         BarColumn(bar_width=24),
@@ -38,12 +38,11 @@ def training_bar(episodes: int) -> "Iterator[Callable[[TrainingProgress], None]]
 
         def show(progress: "TrainingProgress") -> None:
             speed = bar.tasks[0].speed
-            bar.update(
-                task,
-                completed=progress.episode,
-                rate=f"{speed:,.0f} episodes/s" if speed else "",
-                facts=f"return {progress.return_mean:+.2f}  reached {progress.reached_share:.1%}  exploration {progress.exploration:.2f}",
+            rate = f"{speed:,.0f} episodes/s" if speed else ""
+            facts = (
+                f"return {progress.return_mean:+.2f}  reached {progress.reached_share:.1%}  {explores} {progress.exploration:.2f}"
             )
+            bar.update(task, completed=progress.episode, rate=rate, facts=facts)
 
         yield show
 

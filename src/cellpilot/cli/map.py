@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import tyro
 from pydantic import Field
 
@@ -109,17 +110,13 @@ def _info(arguments: Sequence[str]) -> int:
     world = World.from_map(radio_map)
     sides = " x ".join(map(str, world.grid.sides))
     out.print(f"{options.file}: {sides} cells, source {radio_map.attrs['source']}, {radio_map.attrs.get('model') or 'no model'}")
-    for height, z_m in enumerate(world.grid.z_m):
-        layer = slice(
-            height * world.grid.n_cells // len(world.grid.z_m), (height + 1) * world.grid.n_cells // len(world.grid.z_m)
-        )
-        free = ~world.blocked[layer]
-        sinr_db = world.sinr_db[layer][free]
-        low = (sinr_db < options.threshold_db).mean() if free.any() else float("nan")
-        middle = sorted(sinr_db)[len(sinr_db) // 2] if free.any() else float("nan")
-        out.print(
-            f"  {z_m:g} m: {free.sum()} free cells, {(~free).sum()} blocked, {low:.1%} below {options.threshold_db:g} dB, median {middle:.1f} dB"
-        )
+    layers = [column.reshape(len(world.grid.z_m), -1) for column in (world.sinr_db, ~world.blocked)]
+    for z_m, sinr_db, free in zip(world.grid.z_m, *layers, strict=True):
+        radio = "nothing known"
+        if free.any():
+            low = (sinr_db[free] < options.threshold_db).mean()
+            radio = f"{low:.1%} below {options.threshold_db:g} dB, median {np.median(sinr_db[free]):.1f} dB"
+        out.print(f"  {z_m:g} m: {free.sum()} free cells, {(~free).sum()} blocked, {radio}")
     for line in account_of(radio_map).lines() if "import_account" in radio_map.attrs else []:
         out.print(f"  {line}")
     warn(threshold_warning(world, options.threshold_db))

@@ -87,13 +87,12 @@ def _load(source: str) -> tuple[RadioMap, RewardSettings, PolicyParameters | Non
 
 
 def _show(route: Route, world: World) -> None:
-    for position, low, sinr_db in zip(world.grid.position(route.cells), route.low_probability, route.sinr_db, strict=True):
-        x_m, y_m, z_m = world.grid.metres(world.grid.cell(position))
+    position, metres = world.grid.position(route.cells), world.grid.metres(route.cells)
+    for (ix, iy, iz), (x_m, y_m, z_m), low, sinr_db in zip(position, metres, route.low_probability, route.sinr_db, strict=True):
         level = "unknown" if sinr_db is None else f"{sinr_db:6.1f} dB"
-        out.print(
-            f"  ({position[0]:2d},{position[1]:2d},{position[2]:2d})  {x_m:8.1f} {y_m:8.1f} {z_m:6.1f} m  {level}  P(low) {low:.2f}"
-        )
+        out.print(f"  ({ix:2d},{iy:2d},{iz:2d})  {x_m:8.1f} {y_m:8.1f} {z_m:6.1f} m  {level}  P(low) {low:.2f}")
     out.print(
-        f"{route.policy}: {route.status} after {route.n_steps} steps ({route.length_m:.0f} m, shortest {route.shortest_steps} steps),"
-        f" {route.expected_low_share:.1%} of the cells below the threshold, expected return {route.expected_return:.2f}"
+        f"{route.policy}: {route.status} after {route.n_steps} steps ({route.length_m:.0f} m, "
+        f"shortest {route.shortest_steps} steps), {route.expected_low_share:.1%} of the steps below the threshold expected, "
+        f"expected return {route.expected_return:.2f}"
     )

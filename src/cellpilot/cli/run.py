@@ -82,7 +82,8 @@ def prepare(arguments: Sequence[str], verb: str, description: str) -> Run:
 def train_with_bar(run: Run) -> bool:
     """Train and say how it went; False if it was interrupted."""
     try:
-        with training_bar(run.scenario.learner.episodes) as progress:
+        learner = run.scenario.learner
+        with training_bar(learner.episodes, "temperature" if learner.exploration == "boltzmann" else "epsilon") as progress:
             result = train_run(run, progress)
     except ImportError as error:
         raise InputError(f"training needs JAX, which cannot be imported ({error}); see cellpilot doctor") from error

@@ -20,7 +20,7 @@ class SensitivityOptions(Settings):
     scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
     learned: bool = Field(False, description="train the learner at each point too, not only the exact optimum")
     seed: int = Field(0, ge=0, description="seed of the learner")
-    out: Path | None = Field(None, description="run folder; default runs/NAME-sensitivity; called again, it goes on", strict=False)
+    out: Path | None = Field(None, description="run folder; default runs/NAME-sensitivity", strict=False)
     map: MapSettings = SimulatedMap()
     task: TaskSettings = TaskSettings()
     learner: LearnerSettings = LearnerSettings()
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str]) -> int:
         values = [dataset[column].values[point] for column in names]
         table.add_row(*(v if isinstance(v, str) else f"{v:.4g}" for v in values))
     out.print(table)
-    from cellpilot.report import write_figure
+    from cellpilot.report.figures import draw_study
 
-    out.print(f"picture: {write_figure(run.folder, 'sensitivity')}")
+    out.print(f"picture: {draw_study(run.folder, 'sensitivity')}")
     return 0

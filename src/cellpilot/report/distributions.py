@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from cellpilot.report.run import Run
+from cellpilot.report.content import Content
 from cellpilot.report.style import COLUMN_WIDTH_IN, VERMILION, Line, legend_below, policy_line, single_axes
 
 FloatArray = NDArray[np.float64]
@@ -25,7 +25,7 @@ LARGEST_PATH_RATIO = 5.0
 REFERENCES = ("greedy", "optimal")
 
 
-def drawn_policies(run: Run) -> dict[str, Line]:
+def drawn_policies(run: Content) -> dict[str, Line]:
     """Policies with a curve, and how it is drawn."""
     names = [name for name in run.policy_names if name not in NOT_DRAWN]
     others = [name for name in names if policy_line(name).label == name]
@@ -50,7 +50,7 @@ def path_ratio_cdf(reached: ArrayLike, n_steps: ArrayLike, shortest_steps: Array
     return empirical_cdf(np.asarray(n_steps)[reached] / np.asarray(shortest_steps)[reached], reached.size)
 
 
-def sinr_cdfs(run: Run) -> dict[str, Curve]:
+def sinr_cdfs(run: Content) -> dict[str, Curve]:
     """CDF of the measured SINR [dB] of each policy."""
     return {
         name: histogram_cdf(run.flights["sinr_histogram"].sel(policy=name).values, run.flights["sinr_level_db"].values)
@@ -58,22 +58,22 @@ def sinr_cdfs(run: Run) -> dict[str, Curve]:
     }
 
 
-def path_ratio_cdfs(run: Run) -> dict[str, Curve]:
+def path_ratio_cdfs(run: Content) -> dict[str, Curve]:
     """CDF of the path ratio of each policy."""
     names = ("reached", "n_steps", "shortest_steps")
     return {policy: path_ratio_cdf(*(_column(run, policy, name) for name in names)) for policy in drawn_policies(run)}
 
 
-def return_cdfs(run: Run) -> dict[str, Curve]:
+def return_cdfs(run: Content) -> dict[str, Curve]:
     """CDF of the return of each policy."""
     return {policy: empirical_cdf(_column(run, policy, "drawn_return")) for policy in drawn_policies(run)}
 
 
-def _column(run: Run, policy: str, name: str) -> NDArray[np.generic]:
+def _column(run: Content, policy: str, name: str) -> NDArray[np.generic]:
     return np.asarray(run.flights[name].sel(policy=policy).values)
 
 
-def draw_sinr_cdf(run: Run) -> Figure:
+def draw_sinr_cdf(run: Content) -> Figure:
     """CDF of measured SINR, the threshold dashed."""
     curves = sinr_cdfs(run)
     # The levels reach far beyond what is measured; show where any curve rises.
@@ -97,7 +97,7 @@ def draw_sinr_cdf(run: Run) -> Figure:
     return figure
 
 
-def draw_path_ratio_cdf(run: Run) -> Figure:
+def draw_path_ratio_cdf(run: Content) -> Figure:
     """CDF of the path ratio; a curve ends at the share that reached the goal."""
     curves = path_ratio_cdfs(run)
     slowest = max((float(np.quantile(ratio, 1 - TAIL)) for ratio, _ in curves.values() if ratio.size), default=2.0)
@@ -105,7 +105,7 @@ def draw_path_ratio_cdf(run: Run) -> Figure:
     return _draw_cdfs(run, curves, "path ratio: steps flown / shortest [1]", "share of flights [1]", limits)
 
 
-def draw_return_cdf(run: Run) -> Figure:
+def draw_return_cdf(run: Content) -> Figure:
     """CDF of the return."""
     curves = return_cdfs(run)
     limits = return_limits({name: values for name, (values, _) in curves.items()})
@@ -125,7 +125,7 @@ def return_limits(returns: Mapping[str, FloatArray]) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _draw_cdfs(run: Run, curves: dict[str, Curve], x_label: str, y_label: str, limits: Limits) -> Figure:
+def _draw_cdfs(run: Content, curves: dict[str, Curve], x_label: str, y_label: str, limits: Limits) -> Figure:
     figure, axes = single_axes(height_in=3.3)
     axes.set(xlabel=x_label, ylabel=y_label, xlim=limits, ylim=(-0.02, 1.02))
     for name, line in drawn_policies(run).items():
@@ -139,13 +139,13 @@ def _draw_cdfs(run: Run, curves: dict[str, Curve], x_label: str, y_label: str, l
     return figure
 
 
-def altitude_shares(run: Run) -> dict[str, list[float]]:
+def altitude_shares(run: Content) -> dict[str, list[float]]:
     """Share of steps at each height, lowest first, of each policy."""
     rows = run.metrics["policies"]
     return {name: [float(x) for x in rows[name]["altitude_share"]] for name in drawn_policies(run) if name in rows}
 
 
-def draw_altitude(run: Run) -> Figure | None:
+def draw_altitude(run: Content) -> Figure | None:
     """Share of steps at each height, one bar per policy; None where there is one height."""
     if not run.is_3d:
         return None

@@ -6,14 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import xarray as xr
 from matplotlib.figure import Figure
 
 from cellpilot.provenance import write_atomically
+from cellpilot.report.content import Content
 from cellpilot.report.distributions import draw_altitude, draw_path_ratio_cdf, draw_return_cdf, draw_sinr_cdf
 from cellpilot.report.learning import draw_ablation, draw_sensitivity, draw_training
 from cellpilot.report.maps import draw_deployment, draw_low_probability, draw_sinr
 from cellpilot.report.policies import draw_high_goal, draw_low_goal
-from cellpilot.report.run import Run
 from cellpilot.report.style import drawing_settings
 
 DPI = 150
@@ -25,7 +26,7 @@ PNG_SIZE_AT = (16, 20)
 class Entry(NamedTuple):
     """A figure of the report: what draws it (None where the run has nothing to show), its caption, the thesis's number."""
 
-    draw: Callable[[Run], Figure | None]
+    draw: Callable[[Content], Figure | None]
     caption: str
     thesis_figure: str
 
@@ -87,13 +88,13 @@ FIGURES: dict[str, Entry] = {
         "",
     ),
     "ablation": Entry(
-        draw_ablation,
+        lambda run: None if run.ablation is None else draw_ablation(run.ablation),
         "What double learning (DDQN) and hindsight (HER) contribute: return during training, averaged over a moving "
         "window and then over seeds; the band is one standard deviation.",
         "5.19",
     ),
     "sensitivity": Entry(
-        draw_sensitivity,
+        lambda run: None if run.sensitivity is None else draw_sensitivity(run.sensitivity),
         "How the weights of the reward change the routes: steps below the threshold, detour, and share of goals reached.",
         "",
     ),
@@ -108,7 +109,7 @@ class Picture(NamedTuple):
     height_in: float
 
 
-def draw_figures(run: Run, folder: Path) -> dict[str, Picture]:
+def draw_figures(run: Content, folder: Path) -> dict[str, Picture]:
     """Draw every figure the run has, save each as PNG and PDF in `folder`, and return the pictures by stem.
 
     Files of figures that the run no longer has are removed: an old picture beside a new report misleads.
@@ -123,6 +124,17 @@ def draw_figures(run: Run, folder: Path) -> dict[str, Picture]:
                 continue
             pictures[stem] = _save(figure, folder, stem)
     return pictures
+
+
+STUDIES: dict[str, Callable[[xr.Dataset], Figure]] = {"ablation": draw_ablation, "sensitivity": draw_sensitivity}
+"""Figures that need nothing of a run but one dataset, `STEM.nc`."""
+
+
+def draw_study(folder: Path, stem: str) -> Path:
+    """Draw one study of a folder as `figures/STEM.png` and `.pdf`; returns the path of the PNG."""
+    with xr.open_dataset(folder / f"{stem}.nc", engine="h5netcdf") as data, drawing_settings():
+        _save(STUDIES[stem](data.load()), folder / "figures", stem)
+    return folder / "figures" / f"{stem}.png"
 
 
 def _save(figure: Figure, folder: Path, stem: str) -> Picture:

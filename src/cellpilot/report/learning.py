@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
-from cellpilot.report.run import Run
+from cellpilot.report.content import Content
 from cellpilot.report.style import BLUE, GREEN, GREY, PAGE_WIDTH_IN, PURPLE, VERMILION, Line, policy_line, single_axes
 
 FloatArray = NDArray[np.float64]
@@ -45,7 +45,7 @@ def moving_mean(values: ArrayLike, window: int) -> tuple[FloatArray, FloatArray]
     return episode, view.mean(-1)
 
 
-def draw_training(run: Run) -> Figure | None:
+def draw_training(run: Content) -> Figure | None:
     """Return, share that reached and exploration of each training episode; None without training."""
     if run.training is None:
         return None
@@ -86,19 +86,17 @@ def ablation_curves(data: xr.Dataset, window: int) -> dict[str, tuple[FloatArray
     return curves
 
 
-def draw_ablation(run: Run) -> Figure | None:
-    """Mean return of each variant with one standard deviation over the seeds; None without an ablation."""
-    if run.ablation is None:
-        return None
-    window = smoothing_window(run.ablation.sizes["episode"])
+def draw_ablation(data: xr.Dataset) -> Figure:
+    """Mean return of each variant with one standard deviation over the seeds."""
+    window = smoothing_window(data.sizes["episode"])
     figure, axes = single_axes(width_in=PAGE_WIDTH_IN, height_in=3.6)
     fallback = Line("", PURPLE, (0, (3, 1, 1, 1)))
-    for variant, (episode, mean, spread) in ablation_curves(run.ablation, window).items():
+    for variant, (episode, mean, spread) in ablation_curves(data, window).items():
         line = VARIANT_LINES.get(variant, fallback._replace(label=variant))
         axes.fill_between(episode, mean - spread, mean + spread, color=line.colour, alpha=0.15, linewidth=0)
         axes.plot(episode, mean, color=line.colour, linestyle=line.style, label=line.label)
-    seeds = run.ablation.sizes["seed"]
-    axes.set(xlabel="training episode [1]", ylabel="return [reward]", xlim=(0, run.ablation.sizes["episode"]))
+    seeds = data.sizes["seed"]
+    axes.set(xlabel="training episode [1]", ylabel="return [reward]", xlim=(0, data.sizes["episode"]))
     axes.set_title(f"mean ± standard deviation over {seeds} seeds, mean of {window} episodes")
     axes.legend(loc="lower right")
     return figure
@@ -117,16 +115,13 @@ def sensitivity_curves(data: xr.Dataset, knob: str) -> dict[str, xr.Dataset]:
     return {str(name): here.isel(point=np.flatnonzero(names == name)).sortby("value") for name in dict.fromkeys(names)}
 
 
-def draw_sensitivity(run: Run) -> Figure | None:
-    """Share below the threshold, path ratio and share reached against the rewards; None without the study."""
-    if run.sensitivity is None:
-        return None
-    data = run.sensitivity
+def draw_sensitivity(data: xr.Dataset) -> Figure:
+    """Share below the threshold, path ratio and share reached against the rewards."""
     knobs = list(dict.fromkeys(data["knob"].values.astype(str)))
     figure = Figure(figsize=(PAGE_WIDTH_IN if len(knobs) > 1 else 4.1, 6.0), layout="constrained")
     panels = figure.subplots(3, len(knobs), sharex="col", sharey="row", squeeze=False)
     quantities = {
-        "low_sinr_share": f"steps below {run.task.threshold_db:g} dB [share]",
+        "low_sinr_share": f"steps below {data.attrs['threshold_db']:g} dB [share]",
         "path_ratio_p90": "path ratio [1]\nmean and p90",
         "reached_share": "goal reached [share]",
     }

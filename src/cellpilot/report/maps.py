@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cellpilot.grid import Grid
 from cellpilot.maps import RadioMap, grid_of
+from cellpilot.report.content import Content
 from cellpilot.report.numbers import percent
 from cellpilot.report.plane import (
     FloatArray,
@@ -28,7 +29,6 @@ from cellpilot.report.plane import (
     sites_inside,
     special_handles,
 )
-from cellpilot.report.run import Run
 from cellpilot.report.style import BLUE, CHANCE_COLOURS, SINR_COLOURS, VERMILION, drawing_settings, legend_below, single_axes
 from cellpilot.world import World
 
@@ -59,7 +59,7 @@ def _unit(angle: float | FloatArray) -> FloatArray:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def draw_deployment(run: Run) -> Figure | None:
+def draw_deployment(run: Content) -> Figure | None:
     """Sites, boresights, hexagons and the outline of the flight area; None for a map without sectors."""
     places_m = site_places_m(run.radio_map)
     if not len(places_m):
@@ -93,7 +93,7 @@ def draw_deployment(run: Run) -> Figure | None:
     return figure
 
 
-def draw_sinr(run: Run) -> Figure:
+def draw_sinr(run: Content) -> Figure:
     """Mean SINR of each height; the area below the threshold hatched and outlined."""
     return sinr_map_figure(run.radio_map, run.task.threshold_db)
 
@@ -152,7 +152,7 @@ def low_probability_maps(world: World, threshold_db: float) -> dict[str, NDArray
     }
 
 
-def draw_low_probability(run: Run) -> Figure:
+def draw_low_probability(run: Content) -> Figure:
     """Chance of low SINR in each cell, one row without and one with noise."""
     grid = run.world.grid
     maps = low_probability_maps(run.world, run.task.threshold_db)

@@ -19,7 +19,8 @@ def number(value: float, digits: int = 2) -> str:
     """A number with fixed digits; infinity as its sign."""
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
-    return f"{value:.{digits}f}".replace("-", "−")
+    # Adding zero turns a rounded -0.0 into 0.0.
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
 def show(value: Any, form: str) -> str:

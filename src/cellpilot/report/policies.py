@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cellpilot.grid import MOVES
 from cellpilot.policies import LearnedPolicy
 from cellpilot.policies.optimal import optimal_values
+from cellpilot.report.content import Content
 from cellpilot.report.plane import (
     draw_cells,
     draw_special_cells,
@@ -21,7 +22,6 @@ from cellpilot.report.plane import (
     plane_panels,
     special_handles,
 )
-from cellpilot.report.run import Run
 from cellpilot.report.style import GREEN, SINR_COLOURS, legend_below
 from cellpilot.world import World
 
@@ -61,7 +61,7 @@ def meaningful_cells(world: World, goal: int) -> NDArray[np.bool_]:
     return meaningful
 
 
-def actions_and_values(run: Run, goal: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def actions_and_values(run: Content, goal: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Action and value max_a Q `[n_cells]` of the shown policy for the goal; -1 and NaN where they mean nothing."""
     policy, goals = run.shown_policy, np.array([goal], dtype=np.int32)
     if isinstance(policy, LearnedPolicy):
@@ -73,17 +73,17 @@ def actions_and_values(run: Run, goal: int) -> tuple[NDArray[np.int64], NDArray[
     return np.where(meaningful, actions, -1), np.where(meaningful, values, np.nan)
 
 
-def draw_low_goal(run: Run) -> Figure:
+def draw_low_goal(run: Content) -> Figure:
     """Actions and values for the goal in a region of low SINR."""
     return _draw_goal(run, chosen_goals(run.world, run.task.threshold_db)[0])
 
 
-def draw_high_goal(run: Run) -> Figure:
+def draw_high_goal(run: Content) -> Figure:
     """Actions and values for the goal in a region of high SINR."""
     return _draw_goal(run, chosen_goals(run.world, run.task.threshold_db)[1])
 
 
-def _draw_goal(run: Run, goal: int) -> Figure:
+def _draw_goal(run: Content, goal: int) -> Figure:
     grid, world = run.world.grid, run.world
     actions, values = actions_and_values(run, goal)
     iz = int(grid.position(goal)[2])
@@ -125,7 +125,7 @@ def _draw_goal(run: Run, goal: int) -> Figure:
     return figure
 
 
-def draw_moves(axes: Axes, run: Run, action: NDArray[np.int64], stride: int) -> list[Line2D]:
+def draw_moves(axes: Axes, run: Content, action: NDArray[np.int64], stride: int) -> list[Line2D]:
     """Draw the moves `[y, x]` of every `stride`-th cell: arrows, and symbols for up and down; legend entries of these."""
     grid = run.world.grid
     x_m, y_m = np.meshgrid(grid.x_m, grid.y_m)

@@ -7,9 +7,9 @@ from typing import Any
 
 from cellpilot.provenance import write_atomically
 from cellpilot.report import html, tables
+from cellpilot.report.content import Content, load_content
 from cellpilot.report.figures import draw_figures
 from cellpilot.report.numbers import count
-from cellpilot.report.run import Run, load_run
 from cellpilot.report.thesis import PUBLISHED_IN
 from cellpilot.report.words import summary_paragraphs
 
@@ -20,7 +20,7 @@ def write_report(run: Path) -> Path:
     The page needs nothing but itself. Figures whose data the folder lacks are left out. `InputError` where the folder
     has no readable `map.nc` or `eval.nc`; nothing half-written stays.
     """
-    content = load_run(run)
+    content = load_content(run)
     pictures = draw_figures(content, run / "figures")
     document = html.page(
         content.scenario,
@@ -36,7 +36,7 @@ def write_report(run: Path) -> Path:
     return path
 
 
-def _result_tables(run: Run) -> list[str]:
+def _result_tables(run: Content) -> list[str]:
     metrics, names = run.metrics, tables.columns()
     headings = [column.label for column in names.values()]
     n_flights = count(run.flights.sizes["flight"])
@@ -53,7 +53,7 @@ def _result_tables(run: Run) -> list[str]:
     return parts
 
 
-def _basis(run: Run, n_flights: str) -> str:
+def _basis(run: Content, n_flights: str) -> str:
     pairs = count(run.metrics["n_pairs"])
     if run.metrics["exhaustive"]:
         text = (
@@ -67,7 +67,7 @@ def _basis(run: Run, n_flights: str) -> str:
     return text
 
 
-def provenance(run: Run) -> dict[str, str]:
+def provenance(run: Content) -> dict[str, str]:
     """Where the numbers come from: map, task, training, seed, versions and command, as far as the folder tells."""
     about, attrs = run.about, run.radio_map.attrs
     training = run.training.attrs if run.training is not None else {}

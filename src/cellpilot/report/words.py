@@ -4,15 +4,15 @@ from typing import Any
 
 import numpy as np
 
+from cellpilot.report.content import Content
 from cellpilot.report.numbers import count, number, percent
-from cellpilot.report.run import Run
 from cellpilot.report.style import policy_line
 
 NEARLY_ALL = 0.95
 """A threshold that more than this share of the map meets, or misses, leaves little to decide."""
 
 
-def summary_paragraphs(run: Run) -> list[str]:
+def summary_paragraphs(run: Content) -> list[str]:
     """The summary: the place with baseline and optimum, then each learned policy against them, then warnings."""
     rows: dict[str, dict[str, Any]] = run.metrics["policies"]
     greedy, optimal = rows.get("greedy"), rows.get("optimal")
@@ -30,7 +30,7 @@ def summary_paragraphs(run: Run) -> list[str]:
     return [" ".join(place), *learned, *_warnings(run)]
 
 
-def _map_sentence(run: Run) -> str:
+def _map_sentence(run: Content) -> str:
     world, threshold_db = run.world, run.task.threshold_db
     share = float((world.sinr_db[world.free_cells] < threshold_db).mean())
     sides = " x ".join(str(n) for n in world.grid.sides[: world.grid.n_dimensions])
@@ -41,7 +41,7 @@ def _map_sentence(run: Run) -> str:
     )
 
 
-def _learned_sentences(name: str, row: dict[str, Any], greedy: dict[str, Any] | None, run: Run) -> str:
+def _learned_sentences(name: str, row: dict[str, Any], greedy: dict[str, Any] | None, run: Content) -> str:
     boltzmann = "Boltzmann exploration at temperature"
     flown = policy_line(name).label.removeprefix("learned, ").replace("Boltzmann", boltzmann)
     who, failed = f"The learned policy, flown with {flown},", 1 - row["reached_share"]
@@ -76,7 +76,7 @@ def _score_words(row: dict[str, Any]) -> str:
     return f"it earns {percent(score, 1)} of the return that the optimum gains over the baseline (score {number(score, 3)})"
 
 
-def _warnings(run: Run) -> list[str]:
+def _warnings(run: Content) -> list[str]:
     warnings = []
     low = np.nan_to_num(run.world.low_probability(run.task.threshold_db))[run.world.free_cells].mean()
     if not 1 - NEARLY_ALL < low < NEARLY_ALL:

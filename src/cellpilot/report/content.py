@@ -1,4 +1,4 @@
-"""`Run`: everything a report shows, read from a run folder."""
+"""`Content`: everything a report shows, read from a run folder."""
 
 import json
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from cellpilot.world import World
 
 
 @dataclass(frozen=True)
-class Run:
+class Content:
     """One run: its map, its evaluation, and whatever of training and studies the folder holds."""
 
     radio_map: RadioMap
@@ -53,7 +53,7 @@ class Run:
         return OptimalPolicy(self.world, self.task)
 
 
-def load_run(folder: Path) -> Run:
+def load_content(folder: Path) -> Content:
     """Read a run folder; `InputError` where `map.nc` or `eval.nc` is missing or something in it cannot be read."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected a run (cellpilot run or cellpilot evaluate makes one)")
@@ -67,7 +67,7 @@ def load_run(folder: Path) -> Run:
         raise InputError(f"{folder / 'eval.nc'}: attribute missing or unreadable ({error}); evaluate the run again") from error
     radio_map = load_map(folder / "map.nc")
     policy = folder / "policy.safetensors"
-    return Run(
+    return Content(
         radio_map=radio_map,
         world=World.from_map(radio_map, noise_std_db),
         task=task,

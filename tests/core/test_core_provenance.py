@@ -1,0 +1,64 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cellpilot.provenance import digest, versions, write_atomically
+from cellpilot.units import THERMAL_NOISE_DBM_HZ, from_db, to_db
+
+
+def test_digest_depends_on_values_shapes_types_and_order() -> None:
+    a, b = np.arange(6, dtype=np.float32), np.zeros(2, np.float32)
+    base = digest([a, b])
+    assert base == digest([a.copy(), b.copy()])
+    changed = a.copy()
+    changed[3] += 1e-5
+    others = [[changed, b], [a.reshape(2, 3), b], [a.astype(np.float64), b], [b, a], [a]]
+    assert len({base, *(digest(arrays) for arrays in others)}) == 1 + len(others)
+    assert digest([np.arange(12).reshape(3, 4).T]) == digest([np.ascontiguousarray(np.arange(12).reshape(3, 4).T)])
+
+
+def test_versions_name_what_computes() -> None:
+    found = versions()
+    assert found["numpy"] == np.__version__
+    assert {"python", "cellpilot", "jax", "scipy"} <= set(found)
+
+
+def test_a_write_that_fails_leaves_the_file_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "result.txt"
+    write_atomically(path, lambda temporary: temporary.write_text("first"))
+    assert path.read_text() == "first"
+
+    def fail(temporary: Path) -> None:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(path, fail)
+    assert path.read_text() == "first"
+    assert [p.name for p in path.parent.iterdir()] == ["result.txt"]
+
+
+def test_the_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "result.txt"
+
+    def write(temporary: Path) -> None:
+        temporary.write_text("whole")
+        assert temporary.parent == path.parent
+        assert not path.exists()
+
+    write_atomically(path, write)
+    assert path.read_text() == "whole"
+
+
+@given(st.floats(-150.0, 150.0))
+def test_decibels_round_trip(level_db: float) -> None:
+    assert float(to_db(from_db(level_db))) == pytest.approx(level_db, abs=1e-9)
+
+
+def test_decibels_by_hand() -> None:
+    np.testing.assert_allclose(to_db([1.0, 10.0, 2.0, 0.0]), [0.0, 10.0, 3.0103, -np.inf], atol=1e-5)
+    np.testing.assert_allclose(from_db([0.0, 30.0, -np.inf]), [1.0, 1000.0, 0.0])
+    assert THERMAL_NOISE_DBM_HZ == -174.0

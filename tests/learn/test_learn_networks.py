@@ -1,0 +1,147 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from cellpilot.envs.arena import make_arena
+from cellpilot.errors import InputError
+from cellpilot.learn.checkpoint import named_leaves, policy_parameters
+from cellpilot.learn.networks import ARCHITECTURES, ConcatenatedQ, MultilayerPerceptron, TwoStreamQ, leaky_relu, parameter_count
+from cellpilot.policies import LearnedPolicy, PolicyParameters, load_parameters
+from cellpilot.policies.learned import save_parameters
+from cellpilot.world import World
+
+MakeWorld = Callable[..., World]
+
+
+@pytest.mark.parametrize(("dimensions", "actions", "count"), [(2, 4, 5_554), (3, 6, 5_756)])
+def test_parameter_counts_of_the_thesis(dimensions: int, actions: int, count: int) -> None:
+    assert parameter_count(ConcatenatedQ(dimensions, actions, (50, 50, 50), jax.random.key(0))) == count
+
+
+def test_layers_start_like_those_of_pytorch() -> None:
+    """Weights and biases uniform within +-1/sqrt(inputs), every layer with its own draw."""
+    network = MultilayerPerceptron((64, 100, 100, 5), jax.random.key(0))
+    for layer, inputs in zip(network.layers, (64, 100, 100), strict=True):
+        bound = 1 / np.sqrt(inputs)
+        weight, bias = np.asarray(layer.weight), np.asarray(layer.bias)
+        assert np.abs(weight).max() <= bound
+        assert np.abs(bias).max() <= bound
+        assert np.abs(bias).max() > 0
+        quantiles = np.quantile(weight, [0.1, 0.25, 0.5, 0.75, 0.9]) / bound
+        np.testing.assert_allclose(quantiles, [-0.8, -0.5, 0.0, 0.5, 0.8], atol=5 / np.sqrt(weight.size))
+    assert not np.allclose(network.layers[1].weight[:5], network.layers[2].weight)
+
+
+def test_leaky_relu_by_hand() -> None:
+    np.testing.assert_allclose(leaky_relu(jnp.array([-2.0, 0.0, 3.0])), [-0.02, 0.0, 3.0])
+
+
+def plain_perceptron(network: MultilayerPerceptron, x: np.ndarray) -> np.ndarray:
+    for i, layer in enumerate(network.layers):
+        x = np.asarray(layer.weight, np.float64) @ x + np.asarray(layer.bias, np.float64)
+        x = np.where(x > 0, x, 0.01 * x) if i < len(network.layers) - 1 else x
+    return x
+
+
+def test_concatenated_network_by_hand() -> None:
+    network = ConcatenatedQ(2, 4, (7, 5), jax.random.key(0))
+    position, goal = np.array([0.3, 1.0]), np.array([0.75, 0.1])
+    expected = plain_perceptron(network.network, np.concatenate([position, goal]))
+    np.testing.assert_allclose(network(jnp.asarray(position), jnp.asarray(goal)), expected, rtol=1e-5)
+
+
+def test_two_stream_network_by_hand() -> None:
+    network = TwoStreamQ(3, 6, (7, 5), jax.random.key(0))
+    position, goal = np.array([0.3, 1.0, 0.2]), np.array([0.75, 0.1, 0.4])
+    phi, psi = plain_perceptron(network.phi, position), plain_perceptron(network.psi, goal)
+    assert (phi.shape, psi.shape) == ((6 * 5,), (5,))
+    expected = [sum(phi[5 * action + i] * psi[i] for i in range(5)) for action in range(6)]
+    np.testing.assert_allclose(network(jnp.asarray(position), jnp.asarray(goal)), expected, rtol=1e-4)
+
+
+def trained_on(world: World, architecture: str, seed: int = 0) -> tuple[eqx.Module, PolicyParameters]:
+    dimensions, actions = world.grid.n_dimensions, world.grid.n_actions
+    network = ARCHITECTURES[architecture](dimensions, actions, (16, 12), jax.random.key(seed))
+    return network, policy_parameters(network, architecture, world.grid.sides, {"seed": seed, "scenario": "test"})
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+@pytest.mark.parametrize("sides", [(4, 5, 1), (3, 2, 4)])
+def test_the_policy_flies_on_numpy_as_the_network_does(
+    make_world: MakeWorld, sides: tuple[int, int, int], architecture: str
+) -> None:
+    world = make_world(sides)
+    network, parameters = trained_on(world, architecture)
+    goals = np.array([5, 0, world.grid.n_cells - 1], np.int32)
+    coordinates = make_arena(world).coordinates
+    values = jax.vmap(jax.vmap(network, (None, 0)), (0, None))(coordinates, coordinates[goals])
+    found = parameters.values(world.grid, goals)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, values, rtol=1e-4, atol=1e-5)
+
+    best = LearnedPolicy(parameters, world.grid)
+    np.testing.assert_array_equal(best.action_probabilities(goals).argmax(-1), np.asarray(values).argmax(-1))
+    assert (best.name, best.deterministic) == ("learned/argmax", True)
+    soft = LearnedPolicy(parameters, world.grid, 0.05)
+    np.testing.assert_allclose(soft.action_probabilities(goals), jax.nn.softmax(values / 0.05, -1), atol=1e-4)
+    assert (soft.name, soft.deterministic) == ("learned/boltzmann-0.05", False)
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+def test_policy_file_round_trip(tmp_path: Path, make_world: MakeWorld, architecture: str) -> None:
+    world = make_world((4, 5, 1))
+    _, parameters = trained_on(world, architecture)
+    path = tmp_path / "policy.safetensors"
+    save_parameters(parameters, path)
+    again = load_parameters(path)
+    assert (again.architecture, again.sides, again.about) == (architecture, (4, 5, 1), {"seed": 0, "scenario": "test"})
+    goals = np.arange(20, dtype=np.int32)
+    np.testing.assert_array_equal(again.values(world.grid, goals), parameters.values(world.grid, goals))
+
+
+def test_a_policy_of_another_grid_is_refused(make_world: MakeWorld) -> None:
+    _, parameters = trained_on(make_world((4, 5, 1)), "concatenated")
+    for sides in ((5, 4, 1), (4, 5, 2)):
+        grid = make_world(sides).grid
+        with pytest.raises(InputError, match="4 x 5 x 1"):
+            parameters.values(grid, np.array([0], np.int32))
+        with pytest.raises(InputError, match="4 x 5 x 1"):
+            LearnedPolicy(parameters, grid).action_probabilities(np.array([0], np.int32))
+
+
+def test_files_that_are_no_policy(tmp_path: Path, make_world: MakeWorld) -> None:
+    _, parameters = trained_on(make_world((4, 5, 1)), "concatenated")
+    good = tmp_path / "good.safetensors"
+    save_parameters(parameters, good)
+    whole = good.read_bytes()
+    bad = tmp_path / "bad.safetensors"
+    with pytest.raises(InputError, match="no such file"):
+        load_parameters(bad)
+    for content in (b"", b"not a policy", whole[: len(whole) // 2], whole[:-1], whole[:20]):
+        bad.write_bytes(content)
+        with pytest.raises(InputError, match=r"bad\.safetensors"):
+            load_parameters(bad)
+    save_file(parameters.tensors, bad)
+    with pytest.raises(InputError, match="format"):
+        load_parameters(bad)
+
+
+@pytest.mark.parametrize("header", ["{", "{}", json.dumps({"architecture": "concatenated"}), None])
+def test_a_policy_without_a_usable_description(tmp_path: Path, header: str | None) -> None:
+    path = tmp_path / "policy.safetensors"
+    metadata = {"format": "cellpilot-policy-1"} | ({} if header is None else {"policy": header})
+    save_file({"network.layers.0.weight": np.zeros((4, 4), np.float32)}, path, metadata=metadata)
+    with pytest.raises(InputError):
+        load_parameters(path)
+
+
+def test_leaves_are_named_by_their_path() -> None:
+    names = list(named_leaves(eqx.filter(ConcatenatedQ(2, 4, (3,), jax.random.key(0)), eqx.is_array)))
+    assert names == [f"network.layers.{i}.{kind}" for i in range(2) for kind in ("weight", "bias")]
