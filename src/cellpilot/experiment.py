@@ -107,6 +107,7 @@ def make_learner(settings: LearnerSettings) -> "DDQNHER":
         hindsight_ratio=settings.hindsight_ratio if settings.hindsight else 0,
         hindsight_strategy=settings.hindsight_strategy,
         double=settings.double,
+        clip_targets=settings.clip_targets,
         architecture=settings.architecture,
         hidden=(settings.hidden_units,) * settings.hidden_layers,
     )
@@ -137,6 +138,20 @@ def threshold_warning(world: World, threshold_db: float) -> str | None:
         few = f"only {share:.1%} of the cells lie below {threshold_db:g} dB"
         return f"{few}: there is hardly anything to avoid; consider a higher threshold"
     return None
+
+
+def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -> str | None:
+    """A sentence if the learned values, looked at for some goals, lie outside what any flight can earn."""
+    goals = world.free_cells[:: max(1, len(world.free_cells) // 50)]
+    values = parameters.values(world.grid, goals)
+    least, greatest = task.value_bounds
+    lowest, highest = float(values.min()), float(values.max())
+    if highest <= 2 * greatest + 1 and lowest >= 2 * least - 1:  # some over-estimation is usual
+        return None
+    return (
+        f"training has diverged: learned values from {lowest:.3g} to {highest:.3g}, where a flight can earn at most {greatest:g};"
+        " use another seed or --learner.clip-targets"
+    )
 
 
 def shipped_policy(scenario_file: Path) -> PolicyParameters | None:

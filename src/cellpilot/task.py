@@ -43,6 +43,16 @@ class Task:
         if self.max_steps < 1:
             raise InputError(f"max_steps is {self.max_steps}; expected at least 1")
 
+    @property
+    def value_bounds(self) -> tuple[float, float]:
+        """Least and greatest discounted return that any flight, however long, can have; infinite without discount."""
+        step = (self.rho_step, self.rho_step + self.rho_sinr, self.rho_step + self.rho_blocked)
+        worst, best = min(0.0, *step, step[1] + self.rho_blocked), max(0.0, *step, step[1] + self.rho_blocked)
+        horizon = np.inf if self.discount == 1 else 1 / (1 - self.discount)
+        least = worst * horizon if worst else 0.0
+        greatest = best * horizon if best else 0.0
+        return least + min(0.0, self.rho_goal), greatest + max(0.0, self.rho_goal)
+
     def outcome(self, transition: Transition, goal: Any) -> tuple[Any, Any]:
         """Reward and whether the flight terminated, for each transition flown towards `goal` (equation 4.4)."""
         terminated = transition.next_cell == goal

@@ -116,7 +116,8 @@ class World:
         Q((sinr - threshold) / sqrt(noise^2 + map uncertainty^2)); 0 or 1 where both are zero; NaN in blocked cells
         of unknown SINR.
         """
-        margin_db = self.sinr_db.astype(np.float64) - threshold_db
+        # Subtracted as float32, so that a cell on the threshold falls on the same side as in the environment.
+        margin_db = (self.sinr_db - np.float32(threshold_db)).astype(np.float64)
         spread_db = np.hypot(self.noise_std_db, self.sinr_std_db.astype(np.float64))
         certain = spread_db == 0
         chance = np.where(certain, (margin_db < 0).astype(float), ndtr(-margin_db / np.where(certain, 1.0, spread_db)))

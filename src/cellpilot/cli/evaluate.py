@@ -11,7 +11,7 @@ from pydantic import Field
 
 from cellpilot.cli.console import out, share_bar, warn
 from cellpilot.cli.options import command_line, parse
-from cellpilot.experiment import threshold_warning
+from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.runs import evaluate_run, open_run_or_shipped, payload, save_evaluation
 from cellpilot.scenario import Settings
 
@@ -34,6 +34,8 @@ def main(arguments: Sequence[str]) -> int:
 
         radio_map = load_map(options.map)
     warn(threshold_warning(run.world, run.task.threshold_db))
+    parameters = run.parameters()
+    warn(divergence_warning(parameters, run.world, run.task) if parameters else None)
     with share_bar("evaluate") as progress:
         evaluation = evaluate_run(run, radio_map, progress)
     if radio_map is None:

@@ -125,15 +125,11 @@ def _info(arguments: Sequence[str]) -> int:
 
 def _show(arguments: Sequence[str]) -> int:
     options = parse(ShowOptions, arguments, "cellpilot map show", "Draw a map.")
+    from cellpilot.report.figures import save_figure
     from cellpilot.report.maps import sinr_map_figure
 
     radio_map = load_map(options.file)
     path = options.out or options.file.with_suffix(".png")
-    if path.suffix not in (".png", ".pdf", ".svg"):
-        raise InputError(f"--out {path}: expected a name ending in .png, .pdf or .svg")
-    from cellpilot.provenance import write_atomically
-
-    figure = sinr_map_figure(radio_map, options.threshold_db)
-    write_atomically(path, lambda temporary: figure.savefig(temporary, dpi=150))
+    save_figure(sinr_map_figure(radio_map, options.threshold_db), path)
     out.print(f"picture: {path}")
     return 0

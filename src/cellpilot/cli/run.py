@@ -9,7 +9,7 @@ from pydantic import Field
 from cellpilot.cli.console import err, out, share_bar, training_bar, warn
 from cellpilot.cli.options import command_line, parse, scenario_argument
 from cellpilot.errors import InputError
-from cellpilot.experiment import threshold_warning
+from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.runs import Run, create_run, evaluate_run, open_run, payload, save_evaluation, train_run
 from cellpilot.scenario import (
     EvaluationSettings,
@@ -90,5 +90,8 @@ def train_with_bar(run: Run) -> bool:
     if not result.finished:
         err.print(f"stopped after {len(result.history['reached'])} episodes; go on with: cellpilot run --resume {run.folder}")
         return False
+    parameters = run.parameters()
+    assert parameters is not None
+    warn(divergence_warning(parameters, run.world, run.task))
     err.print(f"trained in {result.train_wall_s:.0f} s (compilation {result.compile_s:.0f} s): {run.policy_file}")
     return True

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import xarray as xr
 from matplotlib.figure import Figure
 
+from cellpilot.errors import InputError
 from cellpilot.provenance import write_atomically
 from cellpilot.report.content import Content
 from cellpilot.report.distributions import draw_altitude, draw_path_ratio_cdf, draw_return_cdf, draw_sinr_cdf
@@ -137,13 +138,27 @@ def draw_study(folder: Path, stem: str) -> Path:
     return folder / "figures" / f"{stem}.png"
 
 
+FORMATS: dict[str, tuple[int, dict[str, None]]] = {
+    ".png": (DPI, {"Software": None}),
+    ".pdf": (2 * DPI, {"CreationDate": None}),
+    ".svg": (DPI, {"Date": None}),
+}
+"""Suffix of a picture -> resolution [dots per inch] and metadata: without a date, the same run gives the same file."""
+
+
+def save_figure(figure: Figure, path: Path) -> bytes:
+    """Save a figure atomically in the format of its suffix (png, pdf or svg) and return the bytes; else `InputError`."""
+    if path.suffix not in FORMATS:
+        raise InputError(f"{path}: expected a picture's name ending in {', '.join(FORMATS)}")
+    dpi, metadata = FORMATS[path.suffix]
+    picture = io.BytesIO()
+    figure.savefig(picture, format=path.suffix[1:], dpi=dpi, bbox_inches="tight", pad_inches=PAD_IN, metadata=metadata)
+    write_atomically(path, lambda temporary: temporary.write_bytes(picture.getvalue()))
+    return picture.getvalue()
+
+
 def _save(figure: Figure, folder: Path, stem: str) -> Picture:
-    png = io.BytesIO()
-    figure.savefig(png, format="png", dpi=DPI, bbox_inches="tight", pad_inches=PAD_IN, metadata={"Software": None})
-    write_atomically(folder / f"{stem}.png", lambda temporary: temporary.write_bytes(png.getvalue()))
-    # Without a date, the same run gives the same file.
-    pdf = io.BytesIO()
-    figure.savefig(pdf, format="pdf", dpi=2 * DPI, bbox_inches="tight", pad_inches=PAD_IN, metadata={"CreationDate": None})
-    write_atomically(folder / f"{stem}.pdf", lambda temporary: temporary.write_bytes(pdf.getvalue()))
-    width_px, height_px = (int.from_bytes(png.getvalue()[i : i + 4]) for i in PNG_SIZE_AT)
-    return Picture(base64.b64encode(png.getvalue()).decode("ascii"), width_px / DPI, height_px / DPI)
+    png = save_figure(figure, folder / f"{stem}.png")
+    save_figure(figure, folder / f"{stem}.pdf")
+    width_px, height_px = (int.from_bytes(png[i : i + 4]) for i in PNG_SIZE_AT)
+    return Picture(base64.b64encode(png).decode("ascii"), width_px / DPI, height_px / DPI)

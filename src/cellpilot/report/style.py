@@ -58,7 +58,7 @@ class Line(NamedTuple):
 POLICY_LINES = {
     "greedy": Line("greedy baseline", GREY, ":", ""),
     "optimal": Line("exact optimum", BLUE, "--", "////"),
-    "optimal-undiscounted": Line("optimum without discount", GREEN, (0, (1, 1)), "\\\\\\\\"),
+    "optimal-undiscounted": Line("optimum, discount 1", GREEN, (0, (1, 1)), "\\\\\\\\"),
     "learned/argmax": Line("learned, arg max", VERMILION, "-", "xxx"),
 }
 BOLTZMANN = "learned/boltzmann-"

@@ -3,6 +3,7 @@
 import inspect
 from typing import Any, NamedTuple
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from cellpilot.evaluate import METRICS
@@ -64,15 +65,16 @@ INTERVALS = {
 }
 """Where the 95 % interval of a metric is kept."""
 
-TERMINAL_COLUMNS = (
-    "reached_share",
-    "low_sinr_share",
-    "path_ratio_p50",
-    "path_ratio_p90",
-    "return_mean",
-    "regret_mean",
-    "score",
-)
+TERMINAL_COLUMNS = {
+    "reached_share": "reached",
+    "low_sinr_share": "below",
+    "path_ratio_p50": "p50",
+    "path_ratio_p90": "p90",
+    "return_mean": "return",
+    "regret_mean": "regret",
+    "score": "score",
+}
+"""Columns of the table in a terminal of 80 characters, and their short headings."""
 
 
 def columns() -> dict[str, Column]:
@@ -147,10 +149,16 @@ def text_table(metrics: dict[str, Any]) -> Table:
         basis = f"exact, all {count(metrics['n_pairs'])} start-goal pairs"
     else:
         basis = f"sampled from {count(metrics['n_pairs'])} start-goal pairs"
-    table = Table(title=f"{metrics.get('scenario', 'evaluation')}: {basis}")
-    table.add_column("policy")
-    for column in names.values():
-        table.add_column(column.label, justify="right")
+    table = Table(
+        title=f"{metrics.get('scenario', 'evaluation')}: {basis}",
+        caption="below: steps with SINR below the threshold; p50, p90: path ratio; score: 0 = baseline, 1 = optimum",
+        box=SIMPLE_HEAD,
+        collapse_padding=True,
+        pad_edge=False,
+    )
+    table.add_column("policy", no_wrap=True)
+    for name in names:
+        table.add_column(TERMINAL_COLUMNS[name], justify="right", no_wrap=True)
     for row in main_rows(metrics, names):
         # Intervals stand in the report; a terminal is narrow.
         table.add_row(row.policy, *(text.split(" (")[0] for text in row.cells.values()))

@@ -42,6 +42,7 @@ class DDQNHER:
     hindsight_ratio: int = 2
     hindsight_strategy: Strategy = "future"
     double: bool = True
+    clip_targets: bool = False
     architecture: Architecture = "concatenated"
     hidden: tuple[int, ...] = (50, 50, 50)
 
@@ -130,6 +131,8 @@ def optimize(key: Array, settings: DDQNHER, arena: Arena, task: Task, state: Lea
         position, next_position, goal, action, reward, terminated, q_next_target = batch
         q_next_online = jax.vmap(online)(next_position, goal)
         target = q_learning_target(reward, terminated, q_next_online, q_next_target, task.discount, settings.double)
+        if settings.clip_targets:
+            target = jnp.clip(target, *task.value_bounds)
         loss = lambda network: squared_td_error(jax.vmap(network)(position, goal), action, target)
         changes, optimizer = adam.update(jax.grad(loss)(online), optimizer)
         return (optax.apply_updates(online, changes), optimizer), None
