@@ -45,7 +45,9 @@ def _template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     wall = make_map(sinr_db, x_m=coordinates, y_m=coordinates, z_m=[30.0], source="test", blocked=blocked)
     save_map(wall, folder / "blocked.nc")
     larger = np.arange(5) * 100.0
-    save_map(make_map(np.full((1, 5, 5), 10.0), x_m=larger, y_m=larger, z_m=[30.0], source="test"), folder / "larger.nc")
+    larger_db = np.full((1, 5, 5), 10.0)
+    larger_db[0, 2] = -5.0
+    save_map(make_map(larger_db, x_m=larger, y_m=larger, z_m=[30.0], source="test"), folder / "larger.nc")
     run = create_run(folder / "run", load_scenario(folder / "tiny.toml"), 0, "test")
     rng = np.random.default_rng(0)
     tensors = {}

@@ -133,7 +133,7 @@ CALLS = [
     (["doctor", "--loud"], ["--loud"]),
     (["map", "draw"], ["draw", "simulate"]),
     (["map", "simulate"], ["scenario"]),
-    (["map", "info"], ["map file"]),
+    (["map", "info"], ["RadioMap file"]),
     (["map", "info", "gone.nc"], ["gone.nc", "no such file"]),
     (["map", "info", "empty.nc"], ["empty.nc", "empty"]),
     (["map", "info", "text.nc"], ["text.nc", "NetCDF"]),
@@ -183,7 +183,7 @@ CALLS = [
     (["plan", "plain.nc", *PLACES, "--policy", "random"], ["--policy", "random", "greedy"]),
     (["plan", "plain.nc", *PLACES, "--policy", "learned"], ["plain.nc", "policy"]),
     (["plan", "plain.nc", *PLACES, "--task.noise-std-db", "-1"], ["--task.noise-std-db", "-1"]),
-    (["plan", "ukm-30m", *PLACES], ["--map.logs", "plan"]),
+    (["plan", "ukm-30m", *PLACES], ["measured log"]),
 ]
 
 

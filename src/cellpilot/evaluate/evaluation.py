@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cellpilot.evaluate.exact import exact_summary
+from cellpilot.evaluate.exact import DRAWN_FLIGHTS, exact_summary
 from cellpilot.evaluate.flights import SINR_LEVELS_DB, FlightRecords, Visits, fly
 from cellpilot.evaluate.instances import Instances, count_pairs, sample_pairs
 from cellpilot.evaluate.metrics import METRICS
@@ -84,9 +84,10 @@ def exhaustive_summary(
     """Exact summary over all pairs, goals in blocks."""
     _, goals = world.start_goal_cells(start, goal)
     blocks = [goals[i : i + GOALS_AT_ONCE] for i in range(0, len(goals), GOALS_AT_ONCE)]
+    draw_every = 1 + count_pairs(world, start, goal)[0] // DRAWN_FLIGHTS
     total: Summary | None = None
     for k, block in enumerate(blocks):
-        part = exact_summary(rng, world, task, policy, block, start)
+        part = exact_summary(rng, world, task, policy, block, start, draw_every)
         total = part if total is None else total + part
         progress((k + 1) / len(blocks))
     assert total is not None

@@ -2,7 +2,8 @@
 
 A deterministic policy is flown from every start. A stochastic one needs two recursions per goal up to the cap on
 steps: backwards for the chance to arrive after exactly t steps, forwards for how often each cell is entered.
-The longest outage depends on the order of draws; it alone comes from one drawn flight per pair.
+The longest outage depends on the order of draws; it alone comes from drawn flights: one per pair for a deterministic
+policy, evenly spread over the pairs for a stochastic one.
 """
 
 import numpy as np
@@ -22,21 +23,34 @@ from cellpilot.policies import Policy
 from cellpilot.task import Task
 from cellpilot.world import World
 
+DRAWN_FLIGHTS = 250_000
+"""At most about so many flights are drawn for the longest outage of a stochastic policy."""
+
 NEGLIGIBLE = 1e-13
 """A recursion ends when no start has more than this chance of still being in the air."""
 
 
 def exact_summary(
-    rng: np.random.Generator, world: World, task: Task, policy: Policy, goals: IntArray, start: Position | None = None
+    rng: np.random.Generator,
+    world: World,
+    task: Task,
+    policy: Policy,
+    goals: IntArray,
+    start: Position | None = None,
+    draw_every: int = 1,
 ) -> Summary:
-    """Summary over every start and these goals. `rng` is used for the longest outage alone."""
+    """Summary over every start and these goals.
+
+    `rng` is used for the longest outage alone; for a stochastic policy it comes from every `draw_every`-th pair.
+    """
     probabilities = policy.action_probabilities(goals)
     starts, goal = all_pairs(world, goals, start)
     order = np.argsort(goals)
     column = order[np.searchsorted(goals, goal, sorter=order)]
-    records, visits = fly(rng, world, task, probabilities, goals, starts, column)
-    drawn = summarise(records, visits, world, task, expected=True)
-    return drawn if policy.deterministic else _recursion(world, task, probabilities, goals, starts, column, drawn.outages)
+    drawn = slice(None, None, 1 if policy.deterministic else draw_every)
+    records, visits = fly(rng, world, task, probabilities, goals, starts[drawn], column[drawn])
+    flown = summarise(records, visits, world, task, expected=True)
+    return flown if policy.deterministic else _recursion(world, task, probabilities, goals, starts, column, flown.outages)
 
 
 def _recursion(
