@@ -57,7 +57,7 @@ def test_failures_count_as_infinite_ratios() -> None:
 def test_rounding_is_no_failure() -> None:
     s = summary()
     s.arrivals[:] *= (1 - 1e-14) / 0.9
-    assert metric("path_ratio_p90_failures_infinite", s) == metric("path_ratio_p90", s) == 1.5
+    assert metric("path_ratio_p90_failures_infinite", s) == metric("path_ratio_p90", s) == 2.0
 
 
 def histogram_of(measured: list[float]) -> np.ndarray:

@@ -47,7 +47,7 @@ CHANGED_MAP = {
     "base_height_m": 30.0,
     "power_dbm": 20.0,
     "carrier_hz": 3.5e9,
-    "bandwidth_hz": 100e6,
+    "bandwidth_hz": 20e6,
     "noise_figure_db": 30.0,
     "load": 0.5,
     "antenna_elements": 4,
@@ -62,7 +62,7 @@ CHANGED_TASK = {
     "rho_step": -0.2,
     "rho_blocked": -0.5,
     "threshold_db": 6.0,
-    "discount": 0.9,
+    "discount": 0.3,
     "max_steps": 17,
 }
 CHANGED_LEARNER = {
@@ -81,6 +81,7 @@ CHANGED_LEARNER = {
     "hindsight_ratio": 4,
     "hindsight_strategy": "final",
     "double": False,
+    "clip_targets": True,
     "architecture": "two-stream",
     "hidden_layers": 2,
     "hidden_units": 20,
@@ -122,7 +123,7 @@ def test_every_setting_of_a_simulated_map_changes_the_map(name: str) -> None:
 
 def test_the_deployment_carries_the_settings() -> None:
     deployment = make_deployment(SimulatedMap(**{name: value for name, value in CHANGED_MAP.items() if name != "los"}))
-    assert (deployment.carrier_hz, deployment.bandwidth_hz, deployment.noise_figure_db) == (3.5e9, 100e6, 30.0)
+    assert (deployment.carrier_hz, deployment.bandwidth_hz, deployment.noise_figure_db) == (3.5e9, 20e6, 30.0)
     assert np.unique(deployment.height_m).tolist() == [30.0]
     assert deployment.n_sectors == 19 * 3
     assert sorted(np.unique(deployment.boresight_deg)) == [0.0, 120.0, 240.0]
@@ -221,7 +222,8 @@ def metrics_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Scenario],
 def test_every_setting_of_task_and_evaluation_changes_the_figures(
     metrics_of: Callable[[Scenario], str], section: str, name: str, value: object
 ) -> None:
-    base = Scenario(map=SMALL, evaluation=EvaluationSettings(n_sampled=50))
+    # At 8 dB there is something to fly around, so that even the discount shows.
+    base = Scenario(map=SMALL, task=TaskSettings(threshold_db=8.0), evaluation=EvaluationSettings(n_sampled=50))
     changed = getattr(base, section).model_copy(update={name: value})
     assert metrics_of(base) == metrics_of(base)
     assert metrics_of(base) != metrics_of(base.model_copy(update={section: changed}))

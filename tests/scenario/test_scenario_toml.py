@@ -96,6 +96,7 @@ learners = st.builds(
     hindsight_ratio=count,
     hindsight_strategy=st.sampled_from(["future", "final", "episode"]),
     double=st.booleans(),
+    clip_targets=st.booleans(),
     architecture=st.sampled_from(["concatenated", "two-stream"]),
     hidden_layers=count,
     hidden_units=count,

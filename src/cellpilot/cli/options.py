@@ -5,63 +5,90 @@ import io
 import re
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import tyro
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from cellpilot.errors import InputError
-from cellpilot.scenario import SHIPPED, Scenario, describe, find_scenario, load_scenario
+from cellpilot.scenario import (
+    SHIPPED,
+    LearnerSettings,
+    MapSettings,
+    Scenario,
+    Settings,
+    SimulatedMap,
+    TaskSettings,
+    describe,
+    find_scenario,
+    load_scenario,
+)
 
 Options = TypeVar("Options", bound=BaseModel)
 HELP = ("-h", "--help")
 
 
+class ScenarioOptions(Settings):
+    """What every command on a scenario takes: the scenario, the folder, and every setting as a flag."""
+
+    scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
+    out: Path | None = Field(None, description="run folder; default runs/NAME-...", strict=False)
+    map: MapSettings = SimulatedMap()
+    task: TaskSettings = TaskSettings()
+    learner: LearnerSettings = LearnerSettings()
+
+
+InScenario = TypeVar("InScenario", bound=ScenarioOptions)
+
+
+def parse_scenario(kind: type[InScenario], arguments: Sequence[str], verb: str, description: str) -> tuple[InScenario, Scenario]:
+    """Options of a command on a scenario, and the scenario with the flags applied."""
+    found = scenario_argument(arguments)
+    name, scenario = found if found else ("thesis-2d", Scenario(name="thesis-2d"))
+    sections = [section for section in ("map", "task", "learner", "evaluation") if section in kind.model_fields]
+    default = kind(scenario=name, **{section: getattr(scenario, section) for section in sections})
+    options = parse(kind, arguments, f"cellpilot {verb}", description, default)
+    return options, scenario.model_copy(update={section: getattr(options, section) for section in sections})
+
+
 def parse(kind: type[Options], arguments: Sequence[str], prog: str, description: str, default: Options | None = None) -> Options:
     """Options from arguments; `InputError` in one line instead of a box, help and exit 0 for `--help`."""
-    config = (tyro.conf.AvoidSubcommands, tyro.conf.FlagCreatePairsOff)
+    call = partial(
+        tyro.cli,
+        kind,
+        prog=prog,
+        description=description,
+        config=(tyro.conf.AvoidSubcommands, tyro.conf.FlagCreatePairsOff),
+        **({} if default is None else {"default": default}),
+    )
     if any(argument in HELP for argument in arguments):
-        return _parsed(kind, [*arguments, "--help"][-1:], prog, description, default, config)
-    noise = io.StringIO()
+        return call(args=["--help"])
+    box = io.StringIO()
     try:
-        with contextlib.redirect_stderr(noise), contextlib.redirect_stdout(noise):
-            return _parsed(kind, arguments, prog, description, default, config)
+        with contextlib.redirect_stderr(box), contextlib.redirect_stdout(box):
+            return call(args=list(arguments))
     except ValidationError as error:
         raise InputError(describe(error, "command line")) from error
     except SystemExit as error:
         if not error.code:
             raise
-        raise InputError(_first_sentence(noise.getvalue(), prog)) from error
+        raise InputError(_message(box.getvalue(), prog)) from error
 
 
-def _parsed(
-    kind: type[Options],
-    arguments: Sequence[str],
-    prog: str,
-    description: str,
-    default: Options | None,
-    config: tuple[object, ...],
-) -> Options:
-    if default is None:
-        return tyro.cli(kind, args=list(arguments), prog=prog, description=description, config=config)
-    return tyro.cli(kind, args=list(arguments), prog=prog, description=description, default=default, config=config)
-
-
-def _first_sentence(box: str, prog: str) -> str:
-    """The message inside tyro's drawn box, without its frame and the list of suggestions."""
-    blocks = re.split(r"\n[ │|+]*[─-]{5,}[ │|+]*\n", re.sub("[╭╮╰╯]", " ", box))
-    body = blocks[1] if len(blocks) > 1 and "─" not in blocks[0] else re.sub(r"^[^\n]*─[^\n]*\n", "", blocks[0].lstrip("\n"))
-    message = " ".join(body.replace("│", " ").split())
-    pydantic_error = re.search(
+def _message(box: str, prog: str) -> str:
+    """What tyro says, without its frame, title and suggestions. Written to a buffer, it draws with ASCII dashes."""
+    blocks = re.split(r"\n *-{5,} *\n", box)
+    message = " ".join(blocks[min(1, len(blocks) - 1)].split())
+    if inconsistent := re.search(r"Value error, (.*?) \[type=value_error", message):
+        return inconsistent[1]
+    invalid = re.search(
         r"Error parsing (\S+?):? 1 validation error for \w+ (\S+) (.*?) \[type=\w+, input_value=(.*?), input_type", message
     )
-    inconsistent = re.search(r"Value error, (.*?) \[type=value_error", message)
-    if inconsistent:
-        return inconsistent[1]
-    if pydantic_error:
-        section, field, what, value = pydantic_error.groups()
-        section = "" if section == "default" or section.startswith("{") else f"{section.removeprefix('--')}."
+    if invalid:
+        section, field, what, value = invalid.groups()
+        section = "" if section.endswith("Options") or section.startswith("{") else f"{section.removeprefix('--')}."
         return f"--{(section + field).replace('_', '-')} {value}: {what.replace('Input should', 'should')}"
     return f"{message or 'the arguments could not be read'} (see {prog} --help)"
 

@@ -3,35 +3,22 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import tyro
 from pydantic import Field
 
 from cellpilot.cli.console import err, out, share_bar, training_bar, warn
-from cellpilot.cli.options import command_line, parse, scenario_argument
+from cellpilot.cli.options import ScenarioOptions, command_line, parse, parse_scenario
 from cellpilot.errors import InputError
 from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.runs import Run, create_run, evaluate_run, open_run, payload, save_evaluation, train_run
-from cellpilot.scenario import (
-    EvaluationSettings,
-    LearnerSettings,
-    MapSettings,
-    Scenario,
-    Settings,
-    SimulatedMap,
-    TaskSettings,
-)
+from cellpilot.scenario import EvaluationSettings, Settings
 
 
-class RunOptions(Settings):
-    """Options of `run` and `train`: the scenario, and every setting of it as a flag."""
+class RunOptions(ScenarioOptions):
+    """Options of `run` and `train`."""
 
-    scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
     out: Path | None = Field(None, description="run folder; default runs/NAME-seedSEED", strict=False)
     seed: int = Field(0, ge=0, description="seed of the learner (the map's is --map.shadowing-seed)")
     force: bool = Field(False, description="replace a run that is already in the folder")
-    map: MapSettings = SimulatedMap()
-    task: TaskSettings = TaskSettings()
-    learner: LearnerSettings = LearnerSettings()
     evaluation: EvaluationSettings = EvaluationSettings()
 
 
@@ -63,16 +50,8 @@ def prepare(arguments: Sequence[str], verb: str, description: str) -> Run:
     if any(argument.startswith("--resume") for argument in arguments):
         resume = parse(ResumeOptions, arguments, f"cellpilot {verb}", description)
         return open_run(resume.resume)
-    found = scenario_argument(arguments)
-    name, scenario = found if found else ("thesis-2d", Scenario())
-    default = RunOptions(
-        scenario=name, map=scenario.map, task=scenario.task, learner=scenario.learner, evaluation=scenario.evaluation
-    )
     description += f" To go on with an interrupted run: cellpilot {verb} --resume RUN."
-    options = parse(RunOptions, arguments, f"cellpilot {verb}", description, default)
-    scenario = Scenario(
-        name=scenario.name, map=options.map, task=options.task, learner=options.learner, evaluation=options.evaluation
-    )
+    options, scenario = parse_scenario(RunOptions, arguments, verb, description)
     folder = options.out or Path("runs") / f"{scenario.name}-seed{options.seed}"
     run = create_run(folder, scenario, options.seed, command_line(), options.force)
     warn(threshold_warning(run.world, run.task.threshold_db))

@@ -3,36 +3,26 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import tyro
 from pydantic import Field
 from rich.table import Table
 
 from cellpilot.cli.console import err, out, share_bar
-from cellpilot.cli.options import command_line, parse, scenario_argument
+from cellpilot.cli.options import ScenarioOptions, command_line, parse_scenario
 from cellpilot.runs import open_or_create_run
-from cellpilot.scenario import LearnerSettings, MapSettings, Scenario, Settings, SimulatedMap, TaskSettings
 from cellpilot.studies import sensitivity
 
 
-class SensitivityOptions(Settings):
+class SensitivityOptions(ScenarioOptions):
     """Options of `sensitivity`."""
 
-    scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
     learned: bool = Field(False, description="train the learner at each point too, not only the exact optimum")
     seed: int = Field(0, ge=0, description="seed of the learner")
     out: Path | None = Field(None, description="run folder; default runs/NAME-sensitivity", strict=False)
-    map: MapSettings = SimulatedMap()
-    task: TaskSettings = TaskSettings()
-    learner: LearnerSettings = LearnerSettings()
 
 
 def main(arguments: Sequence[str]) -> int:
     """Verb `sensitivity`."""
-    found = scenario_argument(arguments)
-    name, scenario = found if found else ("thesis-2d", Scenario())
-    default = SensitivityOptions(scenario=name, map=scenario.map, task=scenario.task, learner=scenario.learner)
-    options = parse(SensitivityOptions, arguments, "cellpilot sensitivity", "Vary the reward parameters one at a time.", default)
-    scenario = scenario.model_copy(update={"map": options.map, "task": options.task, "learner": options.learner})
+    options, scenario = parse_scenario(SensitivityOptions, arguments, "sensitivity", "Vary the reward parameters one at a time.")
     folder = options.out or Path("runs") / f"{scenario.name}-sensitivity"
     run = open_or_create_run(folder, scenario, command_line(), options.seed)
     with share_bar("sensitivity") as progress:
