@@ -28,6 +28,25 @@ for _module in [module for name, module in sys.modules.items() if name.startswit
 settings.register_profile("cellpilot", deadline=None, max_examples=40)
 settings.load_profile("cellpilot")
 
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--slow` also runs what takes more than twenty seconds."""
+    parser.addoption("--slow", action="store_true", help="also run tests marked slow")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The marker, so that `--strict-markers` knows it."""
+    config.addinivalue_line("markers", "slow: takes more than twenty seconds; runs with --slow")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the slow ones out unless they are asked for."""
+    if not config.getoption("--slow"):
+        for item in items:
+            if item.get_closest_marker("slow"):
+                item.add_marker(pytest.mark.skip(reason="slow: run with --slow"))
+
+
 Triple = tuple[int, int, int]
 DIRECTIONS = {"north": (0, 1, 0), "south": (0, -1, 0), "east": (1, 0, 0), "west": (-1, 0, 0), "up": (0, 0, 1), "down": (0, 0, -1)}
 

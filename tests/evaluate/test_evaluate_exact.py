@@ -179,7 +179,9 @@ def test_goals_in_blocks_change_nothing(random_world: MakeWorld, monkeypatch: py
     summaries = []
     for size in (1, 5, 100):
         monkeypatch.setattr(evaluation, "GOALS_AT_ONCE", size)
-        summaries.append([exhaustive_summary(np.random.default_rng(0), world, TASK, random_policy(world, 1, d)) for d in (True, False)])
+        summaries.append(
+            [exhaustive_summary(np.random.default_rng(0), world, TASK, random_policy(world, 1, d)) for d in (True, False)]
+        )
     for one, two in (summaries[:2], summaries[1:]):
         assert_same(one[0], two[0], but=("outages",))
         assert_same(one[1], two[1], but=("outages",))
@@ -246,7 +248,13 @@ def test_too_many_pairs_are_sampled(random_world: MakeWorld) -> None:
     world = random_world(9, (4, 4, 1))
     shares: list[float] = []
     result = evaluate(
-        world, Task(), [GreedyPolicy(world), RandomPolicy(world)], seed=1, n_sampled=50, max_exhaustive_pairs=240, progress=shares.append
+        world,
+        Task(),
+        [GreedyPolicy(world), RandomPolicy(world)],
+        seed=1,
+        n_sampled=50,
+        max_exhaustive_pairs=240,
+        progress=shares.append,
     )
     assert not result.exhaustive
     assert result.policies == result.sampled

@@ -123,7 +123,9 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
 
 
 def test_score_by_hand() -> None:
-    table: dict[str, dict[str, object]] = {name: {"return_mean": value} for name, value in (("greedy", 2.0), ("optimal", 6.0), ("x", 7.0))}
+    table: dict[str, dict[str, object]] = {
+        name: {"return_mean": value} for name, value in (("greedy", 2.0), ("optimal", 6.0), ("x", 7.0))
+    }
     add_score(table)
     assert [row["score"] for row in table.values()] == [0.0, 1.0, 1.25]
     assert [row["regret_mean"] for row in table.values()] == [4.0, 0.0, -1.0]

@@ -56,8 +56,7 @@ def test_one_height_with_noise(policy: str, expected: tuple[float, float, float,
     check(figures((30.0,), 2.0, ALL)[policy], expected)
 
 
-@pytest.mark.parametrize(
-    ("policy", "expected"), [("greedy", (-2.468, 73.63, 1.0, 1.0)), ("optimal", (4.844, 18.75, 1.15, 1.57))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("policy", "expected"), [("greedy", (-2.468, 73.63, 1.0, 1.0)), ("optimal", (4.844, 18.75, 1.15, 1.57))])
 def test_five_heights_with_noise(policy: str, expected: tuple[float, float, float, float]) -> None:
     check(figures(HEIGHTS_3D_M, 2.0, ("greedy", "optimal"))[policy], expected)

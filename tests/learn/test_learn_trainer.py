@@ -25,7 +25,8 @@ from cellpilot.learn.algorithms.ddqn_her import (
 from cellpilot.learn.checkpoint import load_state, named_leaves, save_state
 from cellpilot.learn.losses import q_learning_target
 from cellpilot.learn.networks import QNetwork
-from cellpilot.learn.trainer import TrainingProgress, TrainingResult, train
+from cellpilot.learn.replay import sample
+from cellpilot.learn.trainer import TrainingProgress, TrainingResult, check_fits, train
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -96,7 +97,7 @@ def test_different_seeds_differ_in_parameters_actions_and_returns(arena: Arena, 
     assert (other.history["episode_return"] != uninterrupted.history["episode_return"]).any()
 
 
-@pytest.mark.parametrize("length", [1, 7, 24, 100])
+@pytest.mark.parametrize("length", [1, 7, 30])
 def test_the_length_of_chunks_changes_nothing(arena: Arena, uninterrupted: TrainingResult, length: int) -> None:
     assert_same_run(train(SMALL, TASK, arena, seed=3, chunk_episodes=length), uninterrupted)
 
@@ -169,9 +170,18 @@ def test_a_damaged_checkpoint_is_named(arena: Arena, interrupted: Path) -> None:
     whole = interrupted.read_bytes()
     head = whole[8:].index(b"}") + 8
     flipped = whole[:head] + b"\xff" + whole[head + 1 :]
-    damaged_about = whole.replace(b"fingerprint", b"fingerpr\\nt", 1)
-    for content in (b"", whole[:7], whole[:100], whole[: len(whole) // 2], whole[:-1], flipped, damaged_about, b"\xff" * 64):
+    for content in (b"", whole[:7], whole[:100], whole[: len(whole) // 2], whole[:-1], flipped, b"\xff" * 64):
         interrupted.write_bytes(content)
+        with pytest.raises(InputError, match=r"state\.safetensors"):
+            train(SMALL, TASK, arena, 3, checkpoint=interrupted, fingerprint="this", chunk_episodes=4)
+
+
+@pytest.mark.parametrize("old", [b"fingerprint", b"seed", b"train_wall_s"])
+def test_a_checkpoint_with_a_damaged_description_is_named(arena: Arena, interrupted: Path, old: bytes) -> None:
+    whole = interrupted.read_bytes()
+    for new in (old[:-3] + b"\\nt", old[:-1] + b"?"):  # no longer JSON; JSON without the entry
+        assert whole.count(old) == 1
+        interrupted.write_bytes(whole.replace(old, new))
         with pytest.raises(InputError, match=r"state\.safetensors"):
             train(SMALL, TASK, arena, 3, checkpoint=interrupted, fingerprint="this", chunk_episodes=4)
 
@@ -194,8 +204,6 @@ def test_a_flight_that_outgrows_the_replay_memory_is_refused_before_training(are
 
 def test_more_random_experiences_than_the_memory_holds_are_refused(arena: Arena) -> None:
     """Without the check, filling the memory never ends."""
-    from cellpilot.learn.trainer import check_fits
-
     with pytest.raises(InputError, match="replay_start"):
         check_fits(replace(SMALL, replay_start=SMALL.replay_capacity + 1), TASK)
 
@@ -256,7 +264,9 @@ def test_exploration_decays_over_its_share_of_the_episodes() -> None:
 def test_progress_shows_the_exploration_of_the_episode(arena: Arena) -> None:
     seen: list[TrainingProgress] = []
     train(SMALL, TASK, arena, 3, chunk_episodes=4, progress=seen.append)
-    assert [p.exploration for p in seen] == pytest.approx([2.0 - 1.9 * min(e / 12, 1.0) for e in (4, 8, 12, 16, 20, 24)], abs=1e-5)
+    assert [p.exploration for p in seen] == pytest.approx(
+        [2.0 - 1.9 * min(e / 12, 1.0) for e in (4, 8, 12, 16, 20, 24)], abs=1e-5
+    )
 
 
 def run_one(arena: Arena, filled: LearnerState, settings: DDQNHER) -> LearnerState:
@@ -264,14 +274,10 @@ def run_one(arena: Arena, filled: LearnerState, settings: DDQNHER) -> LearnerSta
     return state
 
 
-def test_double_q_learning_and_learning_rate_change_the_parameters(arena: Arena, filled: LearnerState) -> None:
+def test_double_q_learning_changes_the_parameters(arena: Arena, filled: LearnerState) -> None:
     different_target = replace(filled, target=initial_state(SMALL, arena, 99).online)
-    found = [
-        weights(run_one(arena, different_target, settings).online)
-        for settings in (SMALL, replace(SMALL, double=False), replace(SMALL, learning_rate=2e-3))
-    ]
+    found = [weights(run_one(arena, different_target, settings).online) for settings in (SMALL, replace(SMALL, double=False))]
     assert (found[0] != found[1]).any()
-    assert (found[0] != found[2]).any()
 
 
 @pytest.mark.parametrize("k", [0, 2])
@@ -290,9 +296,7 @@ def test_hindsight_off_stores_no_relabelled_goals(arena: Arena, filled: LearnerS
 
 
 def test_optimisation_is_adam_on_the_squared_error(arena: Arena, filled: LearnerState) -> None:
-    """One update against the loss of equation 3.24 written out for the same mini-batch."""
-    from cellpilot.learn.replay import sample
-
+    """Two updates against the loss of equation 3.24 written out for the same mini-batches."""
     settings = replace(SMALL, updates_per_episode=2)
     state = replace(filled, target=initial_state(SMALL, arena, 99).online)
     key = jax.random.key(5)

@@ -1,3 +1,4 @@
+import json
 from collections.abc import Callable
 
 import numpy as np
@@ -103,8 +104,6 @@ def test_unknown_signal_counts_as_low_and_is_written_as_none(make_world: MakeWor
 
 
 def test_route_as_plain_data(make_world: MakeWorld) -> None:
-    import json
-
     world = make_world((3, 2, 1), 5.0)
     route = plan_route(world, Task(), GreedyPolicy(world), (0, 0, 0), (2, 1, 0))
     payload = json.loads(json.dumps(route_payload(route, world, lambda x, y: (50.0 + y / 1e5, 7.0 + x / 1e5))))

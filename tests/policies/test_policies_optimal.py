@@ -25,7 +25,9 @@ def plain_reward(world: World, task: Task, there: int, stopped: bool, goal: int)
     return task.rho_step + task.rho_sinr * low + task.rho_blocked * stopped + task.rho_goal * (there == goal)
 
 
-def plain_values(world: World, reference: object, task: Task, goal: int, gamma: float, sweeps: int) -> dict[tuple[int, int], float]:
+def plain_values(
+    world: World, reference: object, task: Task, goal: int, gamma: float, sweeps: int
+) -> dict[tuple[int, int], float]:
     """Value iteration over dictionaries."""
     positions = reference.positions
     free = [p for p in positions if p not in reference.blocked]
@@ -139,9 +141,9 @@ def test_nobody_beats_the_optimum(
     """Every flight ends within the cap here, so the undiscounted optimum is the best that exhaustive figures can show."""
     world = random_world(seed, sides, share, noise)
     task = Task(max_steps=200, rho_blocked=-0.2)
-    mean = lambda policy: (
-        lambda s: s.return_sum / s.n_flights
-    )(exhaustive_summary(np.random.default_rng(0), world, task, policy))
+    mean = lambda policy: (lambda s: s.return_sum / s.n_flights)(
+        exhaustive_summary(np.random.default_rng(0), world, task, policy)
+    )
     best = mean(OptimalPolicy.undiscounted(world, task))
     n = world.grid.n_cells
     rng = np.random.default_rng(seed)

@@ -17,7 +17,7 @@ class RunOptions(ScenarioOptions):
     """Options of `run` and `train`."""
 
     out: Path | None = Field(None, description="run folder; default runs/NAME-seedSEED", strict=False)
-    seed: int = Field(0, ge=0, description="seed of the learner (the map's is --map.shadowing-seed)")
+    seed: int = Field(0, ge=0, lt=2**31, description="seed of the learner (the map's is --map.shadowing-seed)")
     force: bool = Field(False, description="replace a run that is already in the folder")
     evaluation: EvaluationSettings = EvaluationSettings()
 

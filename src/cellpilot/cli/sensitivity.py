@@ -16,7 +16,7 @@ class SensitivityOptions(ScenarioOptions):
     """Options of `sensitivity`."""
 
     learned: bool = Field(False, description="train the learner at each point too, not only the exact optimum")
-    seed: int = Field(0, ge=0, description="seed of the learner")
+    seed: int = Field(0, ge=0, lt=2**31, description="seed of the learner")
     out: Path | None = Field(None, description="run folder; default runs/NAME-sensitivity", strict=False)
 
 

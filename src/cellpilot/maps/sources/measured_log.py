@@ -60,8 +60,8 @@ def read_log(path: str | Path, altitude_m: float | None = None) -> LogTable:
     missing column, a broken line, text or an impossible value in a numeric field, fewer than two SINR samples, or no height.
     """
     path = Path(path)
-    height_m = _altitude(path, altitude_m)
     columns, rows = _open(path)
+    height_m = _altitude(path, altitude_m)
     sinr: list[tuple[float, float, float]] = []
     rsrp: list[tuple[float, float, float]] = []
     dropped: Counter[str] = Counter()

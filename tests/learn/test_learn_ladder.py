@@ -1,0 +1,87 @@
+"""A ladder of tasks with known Q*, each rung one more thing that a learner must get right.
+
+All rungs lie in one 5 x 5 grid whose other cells are blocked, so that one compilation serves them all.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import cache
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from cellpilot.envs.arena import make_arena
+from cellpilot.evaluate import evaluate
+from cellpilot.grid import Grid
+from cellpilot.learn.algorithms.ddqn_her import DDQNHER
+from cellpilot.learn.checkpoint import policy_parameters
+from cellpilot.learn.trainer import train
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters
+from cellpilot.policies.optimal import optimal_values
+from cellpilot.task import Task
+from cellpilot.world import World
+
+SIDE = 5
+TASK = Task(discount=0.9, max_steps=30)
+SETTINGS = DDQNHER(
+    episodes=700,
+    batch_size=64,
+    replay_capacity=20_000,
+    replay_start=1_000,
+    updates_per_episode=40,
+    target_period=5,
+    final_exploration=0.5,
+    hindsight_ratio=4,
+    hidden=(64, 64),
+)
+
+
+def rung(nx: int, ny: int, bad: Iterable[tuple[int, int]] = ()) -> World:
+    """The south-western corner of nx x ny cells, some of them bad, is free."""
+    grid = Grid(*(tuple(20.0 * i for i in range(n)) for n in (SIDE, SIDE, 1)))
+    blocked, sinr_db = np.ones((SIDE, SIDE), bool), np.full((SIDE, SIDE), 10.0, np.float32)
+    blocked[:ny, :nx] = False
+    for x, y in bad:
+        sinr_db[y, x] = -5.0
+    return World(grid, sinr_db.ravel(), np.zeros(SIDE * SIDE, np.float32), 0.0, blocked.ravel())
+
+
+RUNGS: dict[str, tuple[World, float]] = {  # and how far the learned values may be from the exact ones
+    "one step": (rung(2, 1), 0.3),
+    "two steps": (rung(3, 1), 0.3),
+    "corridor": (rung(5, 1), 0.5),
+    "3 x 3 with a bad cell": (rung(3, 3, [(1, 1)]), 0.9),
+    "5 x 5 with a bad wall": (rung(5, 5, [(2, 1), (2, 2), (2, 3)]), np.inf),
+}
+
+
+@cache
+def learned(name: str) -> PolicyParameters:
+    world = RUNGS[name][0]
+    arena = make_arena(world)
+    pad: Callable = lambda cells: jnp.pad(cells, (0, SIDE * SIDE - cells.size))
+    arena = replace(arena, start_cells=pad(arena.start_cells), goal_cells=pad(arena.goal_cells))
+    result = train(SETTINGS, TASK, arena, seed=0, chunk_episodes=SETTINGS.episodes)
+    return policy_parameters(result.state.online, SETTINGS.architecture, world.grid.sides, {})
+
+
+@pytest.mark.parametrize("name", list(RUNGS)[:-1])
+def test_learned_values_are_the_exact_ones(name: str) -> None:
+    world, tolerance = RUNGS[name]
+    goals = world.free_cells
+    found, exact = learned(name).values(world.grid, goals), optimal_values(world, TASK, goals)
+    flown = ~world.blocked[:, None] & (np.arange(world.grid.n_cells)[:, None] != goals)
+    assert np.abs(found - exact)[flown].max() < tolerance
+    taken = np.take_along_axis(exact, found.argmax(-1)[..., None], -1)[..., 0]
+    np.testing.assert_allclose(taken[flown], exact.max(-1)[flown], atol=1e-6)  # arg max is one of the best actions
+
+
+def test_the_highest_rung_returns_what_the_optimum_does() -> None:
+    name = "5 x 5 with a bad wall"
+    world, _ = RUNGS[name]
+    policies = [GreedyPolicy(world), OptimalPolicy(world, TASK), LearnedPolicy(learned(name), world.grid)]
+    table = evaluate(world, TASK, policies, seed=0, n_sampled=10).policies
+    assert table["learned/argmax"]["reached_share"] == 1.0
+    assert table["learned/argmax"]["return_mean"] >= 0.99 * table["optimal"]["return_mean"]
+    assert table["greedy"]["return_mean"] < 0.99 * table["optimal"]["return_mean"]  # else the rung would prove nothing
