@@ -1,7 +1,7 @@
 """The three scenarios of the thesis over seeds, beside its Tables 5.1 to 5.3: trains, evaluates, writes `results.md`.
 
 `python benchmarks/thesis.py --seeds 5 --out runs/thesis` takes about an hour on two cores; called again, it goes on where it
-stopped. `--clip-targets` trains the same with the learner's targets clipped to what a flight can earn.
+stopped. `--as-written` trains without clipped targets, exactly as published.
 """
 
 import argparse
@@ -40,22 +40,22 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5, help="seeds 0..N-1 (default 5)")
     parser.add_argument("--out", type=Path, default=Path("runs/thesis"), help="folder of the runs")
     parser.add_argument("--scenarios", nargs="+", default=SCENARIOS, choices=SCENARIOS)
-    parser.add_argument("--clip-targets", action="store_true", help="not in the thesis: clip targets to what a flight can earn")
+    parser.add_argument("--as-written", action="store_true", help="without clipped targets, exactly as published")
     options = parser.parse_args()
     lines = [f"{time.strftime('%Y-%m-%d')}, {platform.machine()}, " + ", ".join(f"{k} {v}" for k, v in versions().items()), ""]
     for name in options.scenarios:
-        runs = [finished(name, seed, options.out, options.clip_targets) for seed in range(options.seeds)]
+        runs = [finished(name, seed, options.out, options.as_written) for seed in range(options.seeds)]
         lines += table(name, runs)
-    suffix = "-clip" if options.clip_targets else ""
+    suffix = "-as-written" if options.as_written else ""
     write_atomically(options.out / f"results{suffix}.md", lambda path: path.write_text("\n".join(lines) + "\n"))
     Console().print(f"tables: {options.out / f'results{suffix}.md'}")
 
 
-def finished(name: str, seed: int, out: Path, clip_targets: bool) -> Run:
+def finished(name: str, seed: int, out: Path, as_written: bool) -> Run:
     """The trained and evaluated run of a scenario and seed."""
     scenario = load_scenario(find_scenario(name))
-    scenario = scenario.model_copy(update={"learner": scenario.learner.model_copy(update={"clip_targets": clip_targets})})
-    folder = out / f"{name}{'-clip' if clip_targets else ''}-{seed}"
+    scenario = scenario.model_copy(update={"learner": scenario.learner.model_copy(update={"clip_targets": not as_written})})
+    folder = out / f"{name}{'-as-written' if as_written else ''}-{seed}"
     run = open_or_create_run(folder, scenario, f"benchmarks/thesis.py, seed {seed}", seed)
     if not run.policy_file.exists():
         with training_bar(scenario.learner.episodes, "temperature") as progress:

@@ -150,7 +150,7 @@ def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -
         return None
     return (
         f"training has diverged: learned values from {lowest:.3g} to {highest:.3g}, where a flight can earn at most {greatest:g};"
-        " use another seed or --learner.clip-targets"
+        " use another seed, or leave --learner.clip-targets on"
     )
 
 

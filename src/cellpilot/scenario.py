@@ -121,7 +121,7 @@ class LearnerSettings(Settings):
     hindsight_ratio: Count = Field(2, description="hindsight goals stored beside each own experience, k (Table 4.3)")
     hindsight_strategy: Literal["future", "final", "episode"] = Field("future", description="hindsight goals (section 3.3.4)")
     double: bool = Field(True, description="double Q-learning on or off (section 5.4)")
-    clip_targets: bool = Field(False, description="clip targets to what a flight can earn (not in the thesis)")
+    clip_targets: bool = Field(True, description="clip targets to what a flight can earn (ours: without it some seeds diverge)")
     architecture: Literal["concatenated", "two-stream"] = Field("concatenated", description="value network (section 3.3.3)")
     hidden_layers: Count = Field(3, description="hidden layers (section 4.3)")
     hidden_units: Count = Field(50, description="units of each hidden layer (section 4.3)")

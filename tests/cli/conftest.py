@@ -50,10 +50,11 @@ def _template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     save_map(make_map(larger_db, x_m=larger, y_m=larger, z_m=[30.0], source="test"), folder / "larger.nc")
     run = create_run(folder / "run", load_scenario(folder / "tiny.toml"), 0, "test")
     rng = np.random.default_rng(0)
+    # Small, so that the values stay within what a flight can earn.
     tensors = {}
     for i, (n_in, n_out) in enumerate(pairwise((4, 50, 50, 50, 4))):
-        tensors[f"network.layers.{i}.weight"] = rng.normal(size=(n_out, n_in)).astype(np.float32)
-        tensors[f"network.layers.{i}.bias"] = rng.normal(size=n_out).astype(np.float32)
+        tensors[f"network.layers.{i}.weight"] = 0.1 * rng.normal(size=(n_out, n_in)).astype(np.float32)
+        tensors[f"network.layers.{i}.bias"] = 0.1 * rng.normal(size=n_out).astype(np.float32)
     save_parameters(PolicyParameters(tensors, "concatenated", (4, 4, 1)), run.policy_file)
     return folder
 

@@ -12,6 +12,8 @@ import pytest
 from cli_tools import Cli, assert_refused, tree
 from safetensors.numpy import load_file
 
+from cellpilot.provenance import write_atomically
+
 WRAPPER = """
 import os, signal, sys
 from cellpilot.learn import checkpoint, trainer
@@ -109,8 +111,14 @@ def test_ctrl_c_says_how_to_resume_and_resumes_to_the_uninterrupted_result(train
 
 
 def test_a_leftover_of_a_kill_does_not_stop_force(place: Path, cli: Cli) -> None:
-    # What a kill in the middle of a write leaves beside the file that was to be written.
-    (place / "run" / ".state-x1y2z3.safetensors").write_bytes(b"half")
+    leftover: list[Path] = []
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(b"half")
+        leftover.append(temporary)
+
+    write_atomically(place / "run" / "state.safetensors", write)
+    leftover[0].write_bytes(b"half")  # as if the kill had come before the renaming
     result = cli("train", "tiny.toml", "--out", "run", "--force", "--map.heights-m", "400")
     assert_refused(result, "400")
 
@@ -137,7 +145,8 @@ def test_a_truncated_checkpoint_is_refused_and_kept(trained: Path, cli: Cli) -> 
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [("episodes = 60", "episodes = 70"), ("threshold_db = 5.0", "threshold_db = 4.0"), ("double = true", "double = false")]
+    ("old", "new"),
+    [("episodes = 60", "episodes = 70"), ("threshold_db = 5.0", "threshold_db = 4.0"), ("double = true", "double = false")],
 )
 def test_a_checkpoint_of_other_settings_is_refused(trained: Path, cli: Cli, old: str, new: str) -> None:
     scenario = trained / "scenario.toml"

@@ -2,6 +2,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -342,3 +343,27 @@ def test_no_exploration_follows_the_arg_max(arena: Arena, filled: LearnerState) 
     n = int(flight.n_steps)
     q = jax.vmap(filled.online, (0, None))(arena.coordinates[flight.transitions.cell[:n]], arena.coordinates[flight.goal])
     np.testing.assert_array_equal(flight.transitions.action[:n], np.asarray(q).argmax(-1))
+
+
+def test_clipped_targets_stay_within_what_a_flight_can_return(arena: Arena, filled: LearnerState) -> None:
+    """A target network that promises far too much, or far too little, moves the online one no more than the bounds do."""
+    low, high = TASK.value_bounds
+    far = 1e6
+    one = jax.tree.map(jnp.zeros_like, filled.target)
+
+    def promising(value: float) -> LearnerState:
+        last = one.network.layers[-1]
+        bias = jnp.full_like(last.bias, value)
+        target = eqx.tree_at(lambda network: network.network.layers[-1].bias, one, bias)
+        return replace(filled, target=target)
+
+    settings = replace(SMALL, updates_per_episode=1)
+    run = jax.jit(optimize, static_argnums=(1, 3))
+    key = jax.random.key(5)
+    clipped = replace(settings, clip_targets=True)
+    for value, bound in ((far, high), (-far, low)):
+        found, free = (run(key, s, arena, TASK, promising(value)) for s in (clipped, settings))
+        at_bound = run(key, clipped, arena, TASK, promising(4 * bound))
+        moments, wild, expected = (weights(s.optimizer[0].mu) for s in (found, free, at_bound))
+        np.testing.assert_allclose(moments, expected, rtol=1e-4, atol=1e-4)
+        assert np.abs(wild).max() > 100 * np.abs(moments).max()

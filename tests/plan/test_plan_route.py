@@ -155,7 +155,7 @@ def test_wrong_places_name_what_is_wrong(world: World, text: str) -> None:
 
 
 def test_degrees_need_an_anchor(world: World) -> None:
-    with pytest.raises(InputError, match="goal .* no anchor"):
+    with pytest.raises(InputError, match=r"goal .* no anchor"):
         parse_place("50.0003,7.0005,30", "goal", world)
 
 

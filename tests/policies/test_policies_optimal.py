@@ -212,3 +212,31 @@ def test_the_task_sets_the_discount(make_world: MakeWorld) -> None:
     expected = -0.1 + 0.5 * (-0.1 + 0.5 * 9.9)
     assert optimal_values(world, task, np.array([3]))[0, 0].max() == pytest.approx(expected)
     assert optimal_values(world, replace(task, discount=0.9), np.array([3]), 0.5)[0, 0].max() == pytest.approx(expected)
+
+
+@settings(max_examples=25)
+@given(
+    st.integers(0, 2**31),
+    st.tuples(*[st.sampled_from([-3.0, -0.5, 0.0, 0.25, 4.0])] * 4),
+    st.sampled_from([0.5, 0.9, 0.99]),
+)
+def test_value_bounds_hold_for_every_flight(
+    random_world: MakeWorld, seed: int, rewards: tuple[float, float, float, float], discount: float
+) -> None:
+    """No value of the best policy, nor of the worst, leaves the bounds of the task."""
+    world = random_world(seed, (3, 3, 1), 0.25)
+    task = Task(*rewards, discount=discount)
+    low, high = task.value_bounds
+    goals = world.free_cells
+    flying = (np.arange(world.grid.n_cells)[:, None] != goals) & ~world.blocked[:, None]
+    best = optimal_values(world, task, goals)[flying]
+    worst = -optimal_values(world, Task(*(-rho for rho in rewards), discount=discount), goals)[flying]
+    assert worst.min() >= low - 1e-5
+    assert best.max() <= high + 1e-5
+
+
+def test_value_bounds_by_hand() -> None:
+    low, high = Task(discount=0.9).value_bounds
+    assert (low, high) == pytest.approx((-11.0, 10.0))  # 1.1 for ever, or the goal at once
+    assert Task(discount=1.0).value_bounds == (-np.inf, 10.0)
+    assert Task(rho_blocked=-0.9, discount=0.5).value_bounds == pytest.approx((-4.0, 10.0))

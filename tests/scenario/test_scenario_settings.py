@@ -99,7 +99,7 @@ def test_every_setting_is_described_with_its_unit(section: type[Settings]) -> No
                 assert unit in field.description, f"{name}: {field.description}"
 
 
-@pytest.mark.parametrize("section", (*SECTIONS, Scenario), ids=lambda section: section.__name__)
+@pytest.mark.parametrize("section", [*SECTIONS, Scenario], ids=lambda section: section.__name__)
 def test_settings_are_frozen_and_refuse_unknown_keys(section: type[Settings]) -> None:
     settings = section()
     name = next(iter(section.model_fields))
@@ -159,7 +159,9 @@ def test_switching_hindsight_off_leaves_no_hindsight_goal() -> None:
 def test_a_changed_setting_changes_the_fingerprint_of_a_training(section: str) -> None:
     world = World.from_map(make_map(SMALL))
     base = Scenario(learner=LearnerSettings(initial_exploration=0.9))
-    changes = CHANGED_TASK | {"noise_std_db": 1.0, "start": (0, 0, 0), "goal": (1, 1, 0)} if section == "task" else CHANGED_LEARNER
+    changes = (
+        CHANGED_TASK | {"noise_std_db": 1.0, "start": (0, 0, 0), "goal": (1, 1, 0)} if section == "task" else CHANGED_LEARNER
+    )
     marks = {fingerprint(base, world)}
     for name, value in changes.items():
         settings = getattr(base, section).model_copy(update={name: value})

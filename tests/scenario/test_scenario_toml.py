@@ -83,7 +83,7 @@ learners = st.builds(
     LearnerSettings,
     episodes=count,
     batch_size=count,
-    replay_capacity=st.integers(10**6, 10**9),
+    replay_capacity=st.integers(10**6, 10**8),
     replay_start=st.integers(1, 10**6),
     updates_per_episode=count,
     target_period=count,

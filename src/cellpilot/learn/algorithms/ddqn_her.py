@@ -42,7 +42,7 @@ class DDQNHER:
     hindsight_ratio: int = 2
     hindsight_strategy: Strategy = "future"
     double: bool = True
-    clip_targets: bool = False
+    clip_targets: bool = True
     architecture: Architecture = "concatenated"
     hidden: tuple[int, ...] = (50, 50, 50)
 
