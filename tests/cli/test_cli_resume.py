@@ -161,7 +161,6 @@ def test_same_seed_same_policy_another_seed_another_policy(trained: Path, place:
     assert cli("train", "tiny.toml", "--out", "same", "--seed", "7").code == 0
     assert cli("train", "tiny.toml", "--out", "other", "--seed", "8").code == 0
     assert_same_result(trained, place / "same")
-    assert (trained / "policy.safetensors").read_bytes() == (place / "same" / "policy.safetensors").read_bytes()
     metrics = [cli("evaluate", run, "--json").out for run in ("trained", "same", "other")]
     assert metrics[0] == metrics[1]
     assert metrics[0] != metrics[2]

@@ -81,7 +81,7 @@ CHANGED_LEARNER = {
     "hindsight_ratio": 4,
     "hindsight_strategy": "final",
     "double": False,
-    "clip_targets": True,
+    "clip_targets": not LearnerSettings().clip_targets,
     "architecture": "two-stream",
     "hidden_layers": 2,
     "hidden_units": 20,

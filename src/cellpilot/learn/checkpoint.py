@@ -28,10 +28,10 @@ def save_state(path: Path, state: Any, history: dict[str, np.ndarray], about: di
     write_atomically(path, lambda temporary: save_file(tensors, temporary, metadata=metadata))
 
 
-def load_state(path: Path, template: State) -> tuple[State, dict[str, np.ndarray], dict[str, Any]]:
-    """The state with the structure of `template`, the history and the description.
+def load_state(path: Path, template: State, identity: dict[str, Any]) -> tuple[State, dict[str, np.ndarray], dict[str, Any]]:
+    """The state with the structure of `template`, the history and the description (fingerprint, seed, train_wall_s).
 
-    `InputError` for a damaged file, or one whose tensors do not fit the template (other settings).
+    `InputError` for a damaged file, one whose description differs from `identity`, or whose tensors do not fit.
     """
     try:
         with safe_open(path, framework="np") as file:
@@ -41,6 +41,13 @@ def load_state(path: Path, template: State) -> tuple[State, dict[str, np.ndarray
         raise InputError(f"{path}: the checkpoint is damaged ({error}); delete it to train from the start") from error
     if metadata.get("format") != FORMAT:
         raise InputError(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}; delete it to train from the start")
+    try:
+        about = json.loads(metadata["about"])
+        about = {name: about[name] for name in ("fingerprint", "seed", "train_wall_s")}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: the description is damaged ({error!r}); delete it to train from the start") from error
+    if about | identity != about:
+        raise InputError(f"{path}: a checkpoint of another map, task, learner or seed; delete it to train from the start")
     expected = named_leaves(template)
     for name, leaf in expected.items():
         found = tensors.get(f"state.{name}")
@@ -50,7 +57,7 @@ def load_state(path: Path, template: State) -> tuple[State, dict[str, np.ndarray
     leaves = [jnp.asarray(tensors[f"state.{name}"]) for name in expected]
     state = jax.tree.unflatten(jax.tree.structure(template), leaves)
     history = {name.removeprefix("history."): value for name, value in tensors.items() if name.startswith("history.")}
-    return state, history, json.loads(metadata["about"])
+    return state, history, about
 
 
 def named_leaves(tree: Any) -> dict[str, Any]:

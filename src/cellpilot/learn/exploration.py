@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 Exploration = Literal["boltzmann", "epsilon-greedy"]
 
 
-def linear_schedule(initial: float, final: float, fraction: float, progress: Float[Array, ""]) -> Float[Array, ""]:
+def linear_schedule(initial: float, final: float, fraction: float, progress: Float[Array, "..."]) -> Float[Array, "..."]:
     """From `initial` to `final` over the first `fraction` of the episodes, then constant; `progress` in [0, 1]."""
     return initial + (final - initial) * jnp.minimum(progress / fraction, 1.0)
 

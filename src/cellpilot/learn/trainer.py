@@ -64,12 +64,16 @@ class TrainingResult:
 
 
 def check_fits(settings: DDQNHER, task: Task) -> None:
-    """`InputError` before anything is compiled if one flight with its hindsight goals outgrows the replay memory."""
+    """`InputError` before anything is compiled if the replay memory cannot hold a flight, or its random start."""
     rows = task.max_steps * (1 + settings.hindsight_ratio)
     if rows > settings.replay_capacity:
         raise InputError(
             f"replay_capacity is {settings.replay_capacity}, but one flight can store {rows} experiences "
             f"({task.max_steps} steps x {1 + settings.hindsight_ratio}): raise replay_capacity or lower max_steps"
+        )
+    if settings.replay_start > settings.replay_capacity:
+        raise InputError(
+            f"replay_start {settings.replay_start} is larger than replay_capacity {settings.replay_capacity}; lower it"
         )
 
 
@@ -99,12 +103,7 @@ def train(
     about: dict[str, object] = {"fingerprint": fingerprint, "seed": seed, "train_wall_s": 0.0}
     resumed = checkpoint is not None and checkpoint.is_file()
     if checkpoint is not None and resumed:
-        state, history, found = load_state(checkpoint, state)
-        if (found["fingerprint"], found["seed"]) != (fingerprint, seed):
-            raise InputError(
-                f"{checkpoint}: a checkpoint of another map, task, learner or seed; delete it to train from the start"
-            )
-        about = found
+        state, history, about = load_state(checkpoint, state, {"fingerprint": fingerprint, "seed": seed})
     wall_before_s = float(about["train_wall_s"])  # type: ignore[arg-type]
     started = time.perf_counter()
     seed_array = jnp.int32(seed)
@@ -128,7 +127,7 @@ def train(
             n = min(chunk_episodes, settings.episodes - episode)
             state, rows = chunk(state, arena, seed_array, jnp.int32(n))
             history = _append(history, rows, n)
-            if not np.isfinite(history["episode_return"][-n:]).all():
+            if not all(bool(jnp.isfinite(leaf).all()) for leaf in jax.tree.leaves(state.online)):
                 raise InputError(f"training diverged after {episode + n} episodes: lower learning_rate")
             progress(_progress(settings, history, state, n))
             if time.perf_counter() - saved > checkpoint_every_s:

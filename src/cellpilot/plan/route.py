@@ -1,6 +1,7 @@
 """A route: what one deterministic policy flies between two cells, and what the radio is expected to be along it."""
 
 from dataclasses import asdict, dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -99,19 +100,25 @@ def parse_place(text: str, what: str, world: World, to_local: Any = None) -> Pos
     if len(parts) != 3:
         raise InputError(f"{what} is {text!r}; {expected}")
     try:
-        if all(part.endswith("m") for part in parts):
-            x_m, y_m, z_m = (float(part[:-1]) for part in parts)
-            return world.grid.nearest_position((x_m, y_m, z_m))
         if all(part.lstrip("+-").isdigit() for part in parts):
-            return world.grid.check_position(tuple(int(part) for part in parts), what)
-        latitude_deg, longitude_deg, altitude_m = (float(part) for part in parts)
+            return world.grid.check_position(tuple(int(part) for part in parts), "position")
+        in_metres = all(part.endswith("m") for part in parts)
+        first, second, third = (float(part[:-1] if in_metres else part) for part in parts)
     except InputError as error:
         raise InputError(f"{what} {text}: {error}") from error
     except ValueError as error:
         raise InputError(f"{what} is {text!r}; {expected}") from error
-    if to_local is None:
-        raise InputError(f"{what} {text} looks like latitude,longitude,altitude, but the map has no anchor; give cells or metres")
-    if not (-90 <= latitude_deg <= 90 and -180 <= longitude_deg <= 180):
-        raise InputError(f"{what} {text}: expected a latitude within -90..90 and a longitude within -180..180")
-    x_m, y_m = to_local(latitude_deg, longitude_deg)
-    return world.grid.nearest_position((float(x_m), float(y_m), altitude_m))
+    if not all(isfinite(number) for number in (first, second, third)):
+        raise InputError(f"{what} is {text!r}; expected finite numbers")
+    if not in_metres:
+        if to_local is None:
+            raise InputError(
+                f"{what} {text} looks like latitude,longitude,altitude, but the map has no anchor; give cells or metres"
+            )
+        if not (-90 <= first <= 90 and -180 <= second <= 180):
+            raise InputError(f"{what} {text}: expected a latitude within -90..90 and a longitude within -180..180")
+        first, second = (float(metres) for metres in to_local(first, second))
+    try:
+        return world.grid.nearest_position((first, second, third))
+    except InputError as error:
+        raise InputError(f"{what} {text}: {error}") from error

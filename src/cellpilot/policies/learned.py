@@ -16,6 +16,11 @@ from cellpilot.policies.base import greedy_actions, one_hot
 from cellpilot.provenance import write_atomically
 
 FORMAT = "cellpilot-policy-1"
+TENSORS = {
+    "concatenated": {"network.layers.0.weight", "network.layers.0.bias"},
+    "two-stream": {"phi.layers.0.weight", "phi.layers.0.bias", "psi.layers.0.weight", "psi.layers.0.bias"},
+}
+"""Architectures this file can fly, and the tensors that each has at least."""
 Array32 = NDArray[np.float32]
 
 
@@ -103,5 +108,13 @@ def load_parameters(path: Path) -> PolicyParameters:
         raise InputError(f"{path}: not a readable safetensors file ({error}); train again or restore it") from error
     if metadata.get("format") != FORMAT:
         raise InputError(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}: not a policy of cellpilot")
-    header = json.loads(metadata["policy"])
-    return PolicyParameters(tensors, header["architecture"], tuple(header["sides"]), header["about"])
+    try:
+        header = json.loads(metadata["policy"])
+        nx, ny, nz = (int(n) for n in header["sides"])
+        architecture, about = header["architecture"], dict(header["about"])
+        expected = TENSORS[architecture]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: the description of the policy is damaged ({error!r}); train again or restore it") from error
+    if not expected <= tensors.keys():
+        raise InputError(f"{path}: tensors {sorted(expected - tensors.keys())} are missing; train again or restore it")
+    return PolicyParameters(tensors, architecture, (nx, ny, nz), about)

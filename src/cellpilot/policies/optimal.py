@@ -1,6 +1,6 @@
 """The exact optimum: value iteration on the true world, for the goals asked for."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from cellpilot.task import Task
 from cellpilot.world import World
 
 CONVERGED = 1e-9
+COST_OF_NOTHING = 1e-6
 MAX_SWEEPS = 20_000
 GOALS_AT_ONCE = 64
 
@@ -26,6 +27,9 @@ def optimal_values(world: World, task: Task, goals: IntArray, discount: float | 
     goals = np.asarray(goals)
     blocks = [goals[i : i + GOALS_AT_ONCE] for i in range(0, len(goals), GOALS_AT_ONCE)]
     gamma = task.discount if discount is None else discount
+    if gamma == 1 and task.rho_step == 0:
+        # Where moving costs nothing every way round is equally good: among those, the one with the fewest steps.
+        task = replace(task, rho_step=-COST_OF_NOTHING)
     return np.concatenate([_solve(world, task, block, gamma) for block in blocks], axis=1)
 
 
@@ -38,6 +42,7 @@ def _solve(world: World, task: Task, goals: IntArray, discount: float) -> NDArra
     floor = -np.inf if discount == 1 else worst / (1 - discount)
     value = np.full((n_cells, len(goals)), floor)
     at_goal = (goals, np.arange(len(goals)))
+    reachable = world.part[:, None] == world.part[goals][None, :]
 
     def back_up(action: int) -> NDArray[np.float64]:
         future = discount * value[world.next_cell[:, action]]
@@ -48,13 +53,15 @@ def _solve(world: World, task: Task, goals: IntArray, discount: float) -> NDArra
         for action in range(1, n_actions):
             np.maximum(new, back_up(action), out=new)
         new[at_goal] = floor
-        change = np.abs(np.subtract(new, value, out=np.zeros_like(new), where=np.isfinite(new))).max()
+        change = np.abs(np.subtract(new, value, out=np.zeros_like(new), where=reachable & np.isfinite(new))).max()
         value = new
         if change < CONVERGED:
             return np.stack([back_up(a) for a in range(n_actions)], axis=-1)
-    raise InputError(
-        "the optimum does not exist without discount: circling earns rewards; make rho_step negative or the discount below 1"
-    )
+    if discount == 1:
+        raise InputError(
+            "the optimum does not exist without discount: circling earns rewards; make rho_step negative or the discount below 1"
+        )
+    raise InputError(f"the optimum was not found in {MAX_SWEEPS} sweeps at discount {discount:g}: lower the discount")
 
 
 @dataclass(frozen=True)

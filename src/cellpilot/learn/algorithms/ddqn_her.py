@@ -158,7 +158,7 @@ def run_episode(
     return state, EpisodeStatistics(flight_return(flight, task), flight.n_steps, flight.terminated)
 
 
-def exploration_at(settings: DDQNHER, episode: Int[Array, ""]) -> Float[Array, ""]:
+def exploration_at(settings: DDQNHER, episode: Int[Array, "..."]) -> Float[Array, "..."]:
     """Temperature (or epsilon) of an episode: linear over the first `exploration_fraction` of all episodes."""
     return linear_schedule(
         settings.initial_exploration, settings.final_exploration, settings.exploration_fraction, episode / settings.episodes
