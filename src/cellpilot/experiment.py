@@ -8,6 +8,7 @@ import numpy as np
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
 from cellpilot.provenance import digest
 from cellpilot.scenario import LearnerSettings, MapFile, MapSettings, MeasuredMap, RewardSettings, Scenario, SimulatedMap
@@ -15,7 +16,6 @@ from cellpilot.task import Task, default_max_steps
 from cellpilot.world import World
 
 if TYPE_CHECKING:
-    from cellpilot.learn.algorithms.ddqn_her import DDQNHER
     from cellpilot.maps import RadioMap
     from cellpilot.radio import Deployment
 
@@ -28,7 +28,9 @@ def make_map(settings: MapSettings) -> "RadioMap":
         return load_map(settings.path)
     if isinstance(settings, MeasuredMap):
         if not settings.logs:
-            raise InputError("the scenario needs a measured log: give --map.logs FILE [FILE ...]")
+            raise InputError(
+                "the scenario needs a measured log: give --map.logs FILE, or make a map of it first (cellpilot map import)"
+            )
         return import_logs(
             settings.logs,
             altitude_m=settings.altitude_m,
@@ -88,10 +90,8 @@ def make_task(settings: RewardSettings, grid: Grid) -> Task:
     )
 
 
-def make_learner(settings: LearnerSettings) -> "DDQNHER":
+def make_learner(settings: LearnerSettings) -> DDQNHER:
     """Settings as compiled code needs them."""
-    from cellpilot.learn.algorithms.ddqn_her import DDQNHER
-
     return DDQNHER(
         episodes=settings.episodes,
         batch_size=settings.batch_size,

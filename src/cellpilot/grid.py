@@ -85,7 +85,8 @@ class Grid:
     def check_position(self, position: tuple[int, ...], what: str) -> Position:
         """The position itself if it lies on the grid, else `InputError` naming `what`."""
         if len(position) != 3 or any(not 0 <= i < n for i, n in zip(position, self.sides, strict=True)):
-            raise InputError(f"{what} {position} is not on the grid: expected ix,iy,iz with 0 <= i < {self.sides}")
+            ranges = ", ".join(f"{axis} 0..{n - 1}" for axis, n in zip(("ix", "iy", "iz"), self.sides, strict=True))
+            raise InputError(f"{what} {position} is not on the grid: expected {ranges}")
         return position[0], position[1], position[2]
 
     def next_cells(self, blocked: NDArray[np.bool_]) -> tuple[IntArray, NDArray[np.bool_]]:

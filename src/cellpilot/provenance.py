@@ -3,7 +3,6 @@
 import hashlib
 import os
 import platform
-import tempfile
 from collections.abc import Callable, Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -35,20 +34,22 @@ def digest(arrays: Iterable[np.ndarray]) -> str:
     return sha.hexdigest()[:16]
 
 
+TEMPORARY = ".partial-"
+"""How the name of a file begins while it is being written."""
+
+
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Call `write(temporary)` on a file beside `path`, flush it to disk and rename it into place.
 
-    The folder is made if missing. If `write` fails, the temporary file goes and `path` stays as it was.
+    The folder is made if missing. If `write` fails, the temporary file goes and `path` stays as it was; one that a kill
+    left behind is overwritten the next time.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
+    temporary = path.with_name(TEMPORARY + path.name)
     try:
         write(temporary)
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
-        temporary.chmod(0o644)
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)

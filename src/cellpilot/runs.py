@@ -17,8 +17,9 @@ from cellpilot.errors import InputError
 from cellpilot.evaluate import Evaluation, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.experiment import fingerprint, make_learner, make_map, make_policies, make_task, shipped_policy
+from cellpilot.learn.algorithms.ddqn_her_settings import check_fits
 from cellpilot.policies import PolicyParameters, load_parameters
-from cellpilot.provenance import versions, write_atomically
+from cellpilot.provenance import TEMPORARY, versions, write_atomically
 from cellpilot.scenario import SHIPPED, Scenario, dump_scenario, find_scenario, load_scenario
 from cellpilot.task import Task
 from cellpilot.world import World
@@ -74,12 +75,13 @@ class Run:
 def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force: bool = False) -> Run:
     """Make the map and a new folder; `InputError` if it already holds a run (unless `force`) or other files."""
     occupied = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
-    replaceable = occupied and folder.is_dir() and {entry.name for entry in folder.iterdir()} <= FILES
+    replaceable = occupied and folder.is_dir() and all(_belongs_to_run(entry.name) for entry in folder.iterdir())
     if occupied and not (force and replaceable):
-        hint = "go on with --resume, or replace it with --force" if _holds_run(folder) else "choose an empty folder"
-        raise InputError(f"{folder} is not empty; {hint}")
+        hints = ["go on with --resume"] * _holds_run(folder) + ["replace it with --force"] * (replaceable and not force)
+        raise InputError(f"{folder} is not empty; {', or '.join([*hints, 'choose an empty folder'])}")
     radio_map = make_map(scenario.map)
     run = _assemble(folder, scenario, seed, radio_map)
+    check_fits(make_learner(scenario.learner), run.task)
     if occupied:
         shutil.rmtree(folder)
     from cellpilot.maps import save_map
@@ -117,7 +119,9 @@ def open_run(name: str | Path) -> Run:
     try:
         seed = json.loads((folder / "run.json").read_text())["seed"]
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder / 'run.json'}: not readable as a run ({error})") from error
+        raise InputError(f"{folder / 'run.json'}: not readable as a run ({error!r})") from error
+    if not isinstance(seed, int) or isinstance(seed, bool):
+        raise InputError(f"{folder / 'run.json'}: seed is {seed!r}; expected a whole number")
     return _assemble(folder, load_scenario(folder / "scenario.toml"), seed, load_map(folder / "map.nc"))
 
 
@@ -253,6 +257,10 @@ def _assemble(folder: Path, scenario: Scenario, seed: int, radio_map: "RadioMap"
     world = World.from_map(radio_map, scenario.task.noise_std_db)
     world.start_goal_cells(scenario.task.start, scenario.task.goal)
     return Run(folder, scenario, seed, radio_map, world, make_task(scenario.task, world.grid))
+
+
+def _belongs_to_run(name: str) -> bool:
+    return name in FILES or name.startswith(TEMPORARY)
 
 
 def _holds_run(folder: Path) -> bool:

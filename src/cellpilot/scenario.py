@@ -3,6 +3,7 @@
 Every value of the thesis is a default here, with its table or section. Unknown keys are refused.
 """
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -108,7 +109,9 @@ class LearnerSettings(Settings):
     algorithm: Literal["ddqn-her"] = Field("ddqn-her", description="learning algorithm")
     episodes: Count = Field(30_000, description="number of episodes N (Table 4.3: 30,000 in 2D, 50,000 in 3D)")
     batch_size: Count = Field(32, description="mini-batch size (Table 4.3)")
-    replay_capacity: Count = Field(500_000, description="experiences in the replay memory, hindsight included (Table 4.3)")
+    replay_capacity: int = Field(
+        500_000, ge=1, le=100_000_000, description="experiences in the replay memory, hindsight included (Table 4.3)"
+    )
     replay_start: Count = Field(50_000, description="random experiences M before learning, hindsight included (Table 4.3)")
     updates_per_episode: Count = Field(30, description="optimization steps after each episode (Table 4.3)")
     target_period: Count = Field(10, description="episodes between renewals of the target network C (Table 4.3)")
@@ -214,17 +217,19 @@ def describe(error: ValidationError, where: str, text: str = "") -> str:
 
 
 def _line_of(keys: list[str], text: str) -> int | None:
-    """Line of `key` within `[section]`, counted from 1."""
-    if not keys:
-        return None
-    section, found_section = "", None
+    """Line of the field `keys`, counted from 1: its own line, that of a table it stands in, or of its section."""
+    section: list[str] = []
+    best, longest = None, 0
     for number, line in enumerate(text.splitlines(), 1):
         if header := re.match(r"\s*\[\s*([\w.-]+)\s*\]", line):
-            section = header[1]
-            found_section = number if section == keys[0] else found_section
-        elif (key := re.match(r"\s*([\w-]+)\s*=", line)) and [*filter(None, [section]), key[1]] == keys[:2]:
-            return number
-    return found_section
+            section = here = header[1].split(".")
+        elif key := re.match(r"\s*([\w.-]+)\s*=", line):
+            here = section + key[1].split(".")
+        else:
+            continue
+        if here == keys[: len(here)] and len(here) > longest:
+            best, longest = number, len(here)
+    return best
 
 
 def dump_scenario(scenario: Scenario) -> str:
@@ -241,8 +246,7 @@ def _toml(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-        return f'"{escaped}"'
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
     return repr(value)

@@ -5,19 +5,38 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 if TYPE_CHECKING:
     from cellpilot.learn.trainer import TrainingProgress
 
-out = Console(highlight=False, soft_wrap=True)
-err = Console(stderr=True, highlight=False, soft_wrap=True)
+out = Console(highlight=False, markup=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
 
 
 def warn(message: str | None) -> None:
     """Print a warning, if there is one."""
     if message:
-        err.print(f"[yellow]warning:[/] {message}")
+        err.print(f"warning: {message}", style="yellow")
+
+
+@contextmanager
+def _bar(*columns: ProgressColumn) -> Iterator[Progress]:
+    """A bar on a terminal only; an error takes it away, so that one line of message is all that is left."""
+    with Progress(*columns, console=err, refresh_per_second=2, disable=not err.is_terminal) as bar:
+        try:
+            yield bar
+        except BaseException:
+            bar.live.transient = True
+            raise
 
 
 @contextmanager
@@ -33,7 +52,7 @@ def training_bar(episodes: int, explores: str) -> "Iterator[Callable[[TrainingPr
         TimeRemainingColumn(),
         TextColumn("{task.fields[facts]}"),
     )
-    with Progress(*columns, console=err, refresh_per_second=2) as bar:
+    with _bar(*columns) as bar:
         task = bar.add_task("train", total=episodes, rate="", facts="compiling")
 
         def show(progress: "TrainingProgress") -> None:
@@ -51,6 +70,6 @@ def training_bar(episodes: int, explores: str) -> "Iterator[Callable[[TrainingPr
 def share_bar(title: str) -> Iterator[Callable[[float], None]]:
     """A bar for anything that knows the share done (0..1)."""
     columns = (TextColumn(title), BarColumn(bar_width=24), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=err, refresh_per_second=2) as bar:
+    with _bar(*columns, TextColumn("left"), TimeRemainingColumn()) as bar:
         task = bar.add_task(title, total=1.0)
         yield lambda share: bar.update(task, completed=share)

@@ -14,6 +14,7 @@ from cellpilot.cli.options import command_line, parse
 from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.runs import evaluate_run, open_run_or_shipped, payload, save_evaluation
 from cellpilot.scenario import Settings
+from cellpilot.world import World
 
 
 class EvaluateOptions(Settings):
@@ -33,7 +34,8 @@ def main(arguments: Sequence[str]) -> int:
         from cellpilot.maps import load_map
 
         radio_map = load_map(options.map)
-    warn(threshold_warning(run.world, run.task.threshold_db))
+    world = run.world if radio_map is None else World.from_map(radio_map, run.world.noise_std_db)
+    warn(threshold_warning(world, run.task.threshold_db))
     parameters = run.parameters()
     warn(divergence_warning(parameters, run.world, run.task) if parameters else None)
     with share_bar("evaluate") as progress:

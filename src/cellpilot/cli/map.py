@@ -41,7 +41,7 @@ class InfoOptions(Settings):
     """Options of `map info`."""
 
     file: tyro.conf.Positional[Path] = Field(description="RadioMap file", strict=False)
-    threshold_db: float = Field(3.0, description="SINR threshold [dB]")
+    threshold_db: float = Field(3.0, allow_inf_nan=False, description="SINR threshold [dB]")
 
 
 class ShowOptions(Settings):
@@ -49,7 +49,7 @@ class ShowOptions(Settings):
 
     file: tyro.conf.Positional[Path] = Field(description="RadioMap file", strict=False)
     out: Path | None = Field(None, description="picture to write (png, pdf or svg); default beside the map", strict=False)
-    threshold_db: float = Field(3.0, description="SINR threshold [dB]")
+    threshold_db: float = Field(3.0, allow_inf_nan=False, description="SINR threshold [dB]")
 
 
 def main(arguments: Sequence[str]) -> int:

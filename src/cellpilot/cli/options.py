@@ -98,7 +98,8 @@ def scenario_argument(arguments: Sequence[str]) -> tuple[str, Scenario] | None:
 
     It is the first argument that names a file or a shipped scenario; flags and their values are skipped.
     """
-    plain = [argument for argument in arguments if not argument.startswith("-")]
+    pairs = zip(["", *arguments], arguments, strict=False)
+    plain = [argument for before, argument in pairs if not argument.startswith("-") and before != "--out"]
     shipped = {path.stem for path in SHIPPED.glob("*.toml")}
     for argument in plain:
         if argument in shipped or argument.endswith(".toml"):

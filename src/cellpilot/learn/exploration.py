@@ -4,13 +4,9 @@ Adding temperature x Gumbel noise and taking the arg max draws from the Boltzman
 noise larger than any value on a share epsilon of the steps is epsilon-greedy. Drawn for a whole flight at once.
 """
 
-from typing import Literal
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-
-Exploration = Literal["boltzmann", "epsilon-greedy"]
 
 
 def linear_schedule(initial: float, final: float, fraction: float, progress: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -1,14 +1,11 @@
 """Hindsight goals (section 3.3.4): cells a flight did reach, to be stored as if they had been its goal."""
 
-from typing import Literal
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from cellpilot.envs.flight import Flight
-
-Strategy = Literal["future", "final", "episode"]
+from cellpilot.learn.algorithms.ddqn_her_settings import Strategy
 
 
 def hindsight_goals(key: Array, flight: Flight, k: int, strategy: Strategy) -> Int[Array, "steps k"]:

@@ -3,14 +3,10 @@
 `equinox.nn.Linear` starts like PyTorch's: weights and biases uniform in +-1/sqrt(inputs).
 """
 
-from typing import Literal
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-
-Architecture = Literal["concatenated", "two-stream"]
 
 
 def leaky_relu(x: Array) -> Array:

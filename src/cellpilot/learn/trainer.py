@@ -16,7 +16,6 @@ import numpy as np
 from cellpilot.envs.arena import Arena
 from cellpilot.errors import InputError
 from cellpilot.learn.algorithms.ddqn_her import (
-    DDQNHER,
     EpisodeStatistics,
     LearnerState,
     exploration_at,
@@ -24,6 +23,7 @@ from cellpilot.learn.algorithms.ddqn_her import (
     initial_state,
     train_chunk,
 )
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, check_fits
 from cellpilot.learn.checkpoint import load_state, save_state
 from cellpilot.task import Task
 
@@ -63,20 +63,6 @@ class TrainingResult:
         return int(self.state.env_steps)
 
 
-def check_fits(settings: DDQNHER, task: Task) -> None:
-    """`InputError` before anything is compiled if the replay memory cannot hold a flight, or its random start."""
-    rows = task.max_steps * (1 + settings.hindsight_ratio)
-    if rows > settings.replay_capacity:
-        raise InputError(
-            f"replay_capacity is {settings.replay_capacity}, but one flight can store {rows} experiences "
-            f"({task.max_steps} steps x {1 + settings.hindsight_ratio}): raise replay_capacity or lower max_steps"
-        )
-    if settings.replay_start > settings.replay_capacity:
-        raise InputError(
-            f"replay_start {settings.replay_start} is larger than replay_capacity {settings.replay_capacity}; lower it"
-        )
-
-
 def train(
     settings: DDQNHER,
     task: Task,
@@ -105,24 +91,24 @@ def train(
     if checkpoint is not None and resumed:
         state, history, about = load_state(checkpoint, state, {"fingerprint": fingerprint, "seed": seed})
     wall_before_s = float(about["train_wall_s"])  # type: ignore[arg-type]
-    started = time.perf_counter()
     seed_array = jnp.int32(seed)
-    fill = fill_replay.lower(state, arena, seed_array, settings=settings, task=task).compile()
-    chunk = train_chunk.lower(
-        state, arena, seed_array, jnp.int32(0), settings=settings, task=task, length=chunk_episodes
-    ).compile()
-    compile_s = time.perf_counter() - started
-    started = time.perf_counter()
-    if not resumed:
-        state = fill(state, arena, seed_array)
-
-    def save() -> None:
-        if checkpoint is not None:
-            about["train_wall_s"] = wall_before_s + time.perf_counter() - started
-            save_state(checkpoint, state, history, about)
-
-    saved = time.perf_counter()
+    if len(history["reached"]):
+        progress(_progress(settings, history, state, chunk_episodes))
     with interruptible() as signalled:
+        started = time.perf_counter()
+        fill = fill_replay.lower(state, arena, seed_array, settings=settings, task=task).compile()
+        n_most = jnp.int32(0)
+        chunk = train_chunk.lower(state, arena, seed_array, n_most, settings=settings, task=task, length=chunk_episodes).compile()
+        compile_s = time.perf_counter() - started
+        started = time.perf_counter()
+        state = state if resumed else fill(state, arena, seed_array)
+
+        def save() -> None:
+            if checkpoint is not None:
+                about["train_wall_s"] = wall_before_s + time.perf_counter() - started
+                save_state(checkpoint, state, history, about)
+
+        saved = time.perf_counter()
         while (episode := int(state.episode)) < settings.episodes and not (signalled.is_set() or interrupted()):
             n = min(chunk_episodes, settings.episodes - episode)
             state, rows = chunk(state, arena, seed_array, jnp.int32(n))

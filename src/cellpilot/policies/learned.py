@@ -92,7 +92,8 @@ class LearnedPolicy:
 def save_parameters(parameters: PolicyParameters, path: Path) -> None:
     """Write `policy.safetensors` atomically."""
     header = {"architecture": parameters.architecture, "sides": parameters.sides, "about": parameters.about}
-    metadata = {"format": FORMAT, "policy": json.dumps(header)}
+    # One entry: safetensors writes several in any order, and equal trainings shall give equal files.
+    metadata = {FORMAT: json.dumps(header)}
     write_atomically(path, lambda temporary: save_file(parameters.tensors, temporary, metadata=metadata))
 
 
@@ -106,10 +107,10 @@ def load_parameters(path: Path) -> PolicyParameters:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as error:
         raise InputError(f"{path}: not a readable safetensors file ({error}); train again or restore it") from error
-    if metadata.get("format") != FORMAT:
-        raise InputError(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}: not a policy of cellpilot")
+    if FORMAT not in metadata:
+        raise InputError(f"{path}: no entry {FORMAT!r} in its header: not a policy of cellpilot")
     try:
-        header = json.loads(metadata["policy"])
+        header = json.loads(metadata[FORMAT])
         nx, ny, nz = (int(n) for n in header["sides"])
         architecture, about = header["architecture"], dict(header["about"])
         expected = TENSORS[architecture]

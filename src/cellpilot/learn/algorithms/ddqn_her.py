@@ -12,39 +12,17 @@ from jaxtyping import Array, Float, Int
 
 from cellpilot.envs.arena import Arena, draw_start_and_goal
 from cellpilot.envs.flight import Flight, flight_return, fly
-from cellpilot.learn.exploration import NOISE, Exploration, linear_schedule
-from cellpilot.learn.hindsight import Strategy, hindsight_goals
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
+from cellpilot.learn.exploration import NOISE, linear_schedule
+from cellpilot.learn.hindsight import hindsight_goals
 from cellpilot.learn.losses import q_learning_target, squared_td_error
-from cellpilot.learn.networks import ARCHITECTURES, Architecture, QNetwork
+from cellpilot.learn.networks import ARCHITECTURES, QNetwork
 from cellpilot.learn.replay import Experience, Replay, add, init_replay, sample
 from cellpilot.task import Task
 
 MAX_TABLE_CELLS = 4096
 """Up to this many cells, the values of all cells for the goal are computed once per flight (the parameters do not
 change during it), and each step looks up its row; beyond, each step evaluates the network."""
-
-
-@dataclass(frozen=True)
-class DDQNHER:
-    """Settings of the learner as compiled code needs them; `scenario.LearnerSettings` documents each (Table 4.3)."""
-
-    episodes: int = 30_000
-    batch_size: int = 32
-    replay_capacity: int = 500_000
-    replay_start: int = 50_000
-    updates_per_episode: int = 30
-    target_period: int = 10
-    learning_rate: float = 1e-3
-    exploration: Exploration = "boltzmann"
-    initial_exploration: float = 2.0
-    final_exploration: float = 0.1
-    exploration_fraction: float = 0.5
-    hindsight_ratio: int = 2
-    hindsight_strategy: Strategy = "future"
-    double: bool = True
-    clip_targets: bool = True
-    architecture: Architecture = "concatenated"
-    hidden: tuple[int, ...] = (50, 50, 50)
 
 
 @jax.tree_util.register_dataclass
