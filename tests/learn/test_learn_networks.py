@@ -129,14 +129,14 @@ def test_files_that_are_no_policy(tmp_path: Path, make_world: MakeWorld) -> None
         with pytest.raises(InputError, match=r"bad\.safetensors"):
             load_parameters(bad)
     save_file(parameters.tensors, bad)
-    with pytest.raises(InputError, match="format"):
+    with pytest.raises(InputError, match="cellpilot-policy-1"):
         load_parameters(bad)
 
 
 @pytest.mark.parametrize("header", ["{", "{}", json.dumps({"architecture": "concatenated"}), None])
 def test_a_policy_without_a_usable_description(tmp_path: Path, header: str | None) -> None:
     path = tmp_path / "policy.safetensors"
-    metadata = {"format": "cellpilot-policy-1"} | ({} if header is None else {"policy": header})
+    metadata = {} if header is None else {"cellpilot-policy-1": header}
     save_file({"network.layers.0.weight": np.zeros((4, 4), np.float32)}, path, metadata=metadata)
     with pytest.raises(InputError):
         load_parameters(path)

@@ -189,10 +189,11 @@ def test_a_checkpoint_with_a_damaged_description_is_named(arena: Arena, interrup
 
 def test_state_files_round_trip(tmp_path: Path, arena: Arena, uninterrupted: TrainingResult) -> None:
     path = tmp_path / "state.safetensors"
-    save_state(path, uninterrupted.state, uninterrupted.history, {"seed": 3, "fingerprint": "x"})
-    state, history, about = load_state(path, initial_state(SMALL, arena, 0))
+    identity = {"seed": 3, "fingerprint": "x"}
+    save_state(path, uninterrupted.state, uninterrupted.history, identity | {"train_wall_s": 1.5})
+    state, history, about = load_state(path, initial_state(SMALL, arena, 0), identity)
     assert_equal_bitwise(state, uninterrupted.state)
-    assert about == {"seed": 3, "fingerprint": "x"}
+    assert about == identity | {"train_wall_s": 1.5}
     for name, column in uninterrupted.history.items():
         np.testing.assert_array_equal(history[name], column)
         assert history[name].dtype == column.dtype
