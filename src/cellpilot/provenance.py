@@ -50,6 +50,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         write(temporary)
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
+        temporary.chmod(0o644)  # some writers make private files
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
