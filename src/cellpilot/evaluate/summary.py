@@ -36,8 +36,8 @@ def longest_shortest_path(world: World) -> int:
 def summarise(records: FlightRecords, visits: Visits, world: World, task: Task, expected: bool) -> Summary:
     """Sums of flown records: expectations over noise if `expected`, else the draws."""
     shape = (task.max_steps + 1, longest_shortest_path(world) + 1)
-    arrivals = np.zeros(shape)
-    np.add.at(arrivals, (records.n_steps[records.reached], records.shortest_steps[records.reached]), 1.0)
+    place = np.ravel_multi_index((records.n_steps[records.reached], records.shortest_steps[records.reached]), shape)
+    arrivals = np.bincount(place, minlength=shape[0] * shape[1]).reshape(shape).astype(float)
     return Summary(
         n_flights=float(len(records.reached)),
         arrivals=arrivals,
