@@ -8,7 +8,7 @@ demo: .venv/installed  ## map, 30,000 training flights, evaluation and report of
 	$(BIN)/cellpilot run thesis-2d --out runs/demo --force
 
 test: .venv/installed-dev  ## every test
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --slow
 
 check: .venv/installed-dev  ## style, types, architecture
 	$(BIN)/ruff check .

@@ -68,7 +68,7 @@ def finished(name: str, seed: int, out: Path, as_written: bool) -> Run:
 
 
 def table(name: str, runs: list[Run]) -> list[str]:
-    """Markdown of one scenario: every policy, mean and range over the seeds, the published rows below."""
+    """Markdown of one scenario: every policy, median and range over the seeds, the published rows below."""
     rows = [metrics(run) for run in runs]
     lines = [f"## {name}", "", "| policy | " + " | ".join(label for label, _, _ in COLUMNS.values()) + " |", "|---" * 7 + "|"]
     for policy in POLICIES:

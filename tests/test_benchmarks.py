@@ -42,10 +42,9 @@ def test_report_takes_ratios_within_a_repeat_and_labels_extrapolation():
 
 
 def test_goal_flight_agrees_with_world_and_task():
-    pytest.importorskip("stable_baselines3")
+    from goal_flight import GoalFlight
     from gymnasium.utils.env_checker import check_env
     from ours import thesis_case
-    from sb3_run import GoalFlight
 
     case = thesis_case()
     world, task = case.world, case.task

@@ -19,7 +19,6 @@ _HOME = {
     "LearnedPolicy": "policies",
     "RandomPolicy": "policies",
     "load_parameters": "policies",
-    "evaluate": "evaluate",
     "plan_route": "plan.route",
     "InputError": "errors",
 }

@@ -36,7 +36,7 @@ def make_map(settings: MapSettings) -> "RadioMap":
             altitude_m=settings.altitude_m,
             bin_m=settings.bin_m,
             fill_radius_m=settings.fill_radius_m,
-            mask="auto" if settings.mask is None else settings.mask,
+            mask=None if settings.mask == "none" else settings.mask,
             unknown=settings.unknown,
         )
     return simulate_map(
@@ -146,10 +146,11 @@ def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -
     values = parameters.values(world.grid, goals)
     least, greatest = task.value_bounds
     lowest, highest = float(values.min()), float(values.max())
-    if highest <= 2 * greatest + 1 and lowest >= 2 * least - 1:  # some over-estimation is usual
+    usual = abs(task.rho_goal) + abs(task.rho_sinr) + abs(task.rho_step) + abs(task.rho_blocked)
+    if highest <= greatest + usual and lowest >= 2 * least - usual:  # some over-estimation is usual
         return None
     return (
-        f"training has diverged: learned values from {lowest:.3g} to {highest:.3g}, where a flight can earn at most {greatest:g};"
+        f"training has diverged: values from {lowest:.3g} to {highest:.3g}, where a flight earns {least:g} to {greatest:g};"
         " use another seed, or leave --learner.clip-targets on"
     )
 

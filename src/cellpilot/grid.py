@@ -73,14 +73,22 @@ class Grid:
         return np.stack([np.asarray(self.x_m)[ix], np.asarray(self.y_m)[iy], np.asarray(self.z_m)[iz]], axis=-1)
 
     def nearest_position(self, point_m: tuple[float, float, float]) -> Position:
-        """Position of the cell that contains the point `(x, y, z)` [m]; `InputError` outside the map."""
+        """Position of the cell that contains the point `(x, y, z)` [m]; `InputError` outside the map.
+
+        On a map of one height, any altitude is flown at that height."""
         found = []
         for name, value, centres in zip("xyz", point_m, (self.x_m, self.y_m, self.z_m), strict=True):
-            edges = _edges(centres)
+            edges = _edges(centres, self._step_m if name != "z" else np.inf)
             if not edges[0] <= value <= edges[-1]:
                 raise InputError(f"{name} = {value:g} m lies outside the map ({edges[0]:g} to {edges[-1]:g} m)")
             found.append(min(int(np.searchsorted(edges, value, side="right")) - 1, len(centres) - 1))
         return found[0], found[1], found[2]
+
+    @property
+    def _step_m(self) -> float:
+        """Side of a cell in the plane [m]; infinite on a grid of one column, which has no other measure."""
+        steps = [axis[1] - axis[0] for axis in (self.x_m, self.y_m) if len(axis) > 1]
+        return min(steps, default=np.inf)
 
     def check_position(self, position: tuple[int, ...], what: str) -> Position:
         """The position itself if it lies on the grid, else `InputError` naming `what`."""
@@ -106,10 +114,10 @@ class Grid:
         return np.abs(self.position(cell) - self.position(goal)).sum(-1).astype(np.int32)
 
 
-def _edges(centres_m: tuple[float, ...]) -> NDArray[np.float64]:
-    """Borders of the cells along an axis [m]: half-way between centres; a single height holds for any altitude."""
+def _edges(centres_m: tuple[float, ...], step_m: float) -> NDArray[np.float64]:
+    """Borders of the cells along an axis [m]: half-way between centres; a single cell is `step_m` wide."""
     centres = np.asarray(centres_m)
     if centres.size == 1:
-        return np.array([-np.inf, np.inf])
+        return np.array([centres[0] - step_m / 2, centres[0] + step_m / 2])
     middle = (centres[1:] + centres[:-1]) / 2
     return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])

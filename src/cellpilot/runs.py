@@ -18,7 +18,7 @@ from cellpilot.evaluate import Evaluation, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.experiment import fingerprint, make_learner, make_map, make_policies, make_task, shipped_policy
 from cellpilot.learn.algorithms.ddqn_her_settings import check_fits
-from cellpilot.policies import PolicyParameters, load_parameters
+from cellpilot.policies import OptimalPolicy, PolicyParameters, load_parameters
 from cellpilot.provenance import TEMPORARY, versions, write_atomically
 from cellpilot.scenario import SHIPPED, Scenario, dump_scenario, find_scenario, load_scenario
 from cellpilot.task import Task
@@ -74,6 +74,7 @@ class Run:
 
 def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force: bool = False) -> Run:
     """Make the map and a new folder; `InputError` if it already holds a run (unless `force`) or other files."""
+    folder = folder.resolve() if folder.is_symlink() else folder
     occupied = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
     replaceable = occupied and folder.is_dir() and all(_belongs_to_run(entry.name) for entry in folder.iterdir())
     if occupied and not (force and replaceable):
@@ -82,6 +83,7 @@ def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force:
     radio_map = make_map(scenario.map)
     run = _assemble(folder, scenario, seed, radio_map)
     check_fits(make_learner(scenario.learner), run.task)
+    OptimalPolicy.undiscounted(run.world, run.task).actions(run.world.free_cells[:1])  # refuses a task without an optimum
     if occupied:
         shutil.rmtree(folder)
     from cellpilot.maps import save_map
@@ -127,16 +129,20 @@ def open_run(name: str | Path) -> Run:
 
 def open_run_or_shipped(name: str, command: str) -> Run:
     """The run in a folder, or a new run folder `runs/NAME-shipped` around a policy that ships with the package."""
-    if Path(name).is_dir() or not (SHIPPED / f"{Path(name).name}.safetensors").is_file():
+    if Path(name).is_dir() or Path(name).name != name or not (SHIPPED / f"{name}.safetensors").is_file():
         return open_run(name)
-    folder = Path("runs") / f"{Path(name).name}-shipped"
-    if _holds_run(folder) and (folder / "policy.safetensors").is_file():
+    source, folder = find_scenario(name), Path("runs") / f"{name}-shipped"
+    policy = source.with_suffix(".safetensors").read_bytes()
+    if (
+        _holds_run(folder)
+        and (folder / "policy.safetensors").is_file()
+        and (folder / "policy.safetensors").read_bytes() == policy
+    ):
         return open_run(folder)
-    source = find_scenario(Path(name).name)
     parameters = shipped_policy(source)
     assert parameters is not None
     run = create_run(folder, load_scenario(source), int(parameters.about.get("seed", 0)), command, force=True)
-    write_atomically(run.policy_file, lambda path: shutil.copyfile(source.with_suffix(".safetensors"), path))
+    write_atomically(run.policy_file, lambda path: path.write_bytes(policy))
     return run
 
 

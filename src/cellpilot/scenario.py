@@ -41,7 +41,7 @@ class SimulatedMap(Settings):
     points_per_side: Count = Field(8, description="simulated points along each side of a cell, averaged in dB")
     environment: Literal["UMa-AV", "UMi-AV", "RMa-AV"] = Field("UMa-AV", description="3GPP TR 36.777 scenario")
     los: Literal["soft", "sampled", "los", "nlos"] = Field("soft", description="line of sight: averaged, drawn or forced")
-    shadowing_seed: int | None = Field(None, ge=0, description="seed of shadowing and sampled LOS; None = no shadowing")
+    shadowing_seed: int | None = Field(None, ge=0, lt=2**63, description="seed of shadowing and sampled LOS; None = no shadowing")
     rings: int = Field(1, ge=0, description="rings of sites around the centre site; 1 = 7 sites (Table 4.1)")
     inter_site_distance_m: Positive = Field(500.0, description="distance between sites [m] (Table 4.1)")
     boresights_deg: Floats = Field((30.0, 150.0, 270.0), description="sector boresights, counter-clockwise from east [deg]")
@@ -66,8 +66,8 @@ class MeasuredMap(Settings):
     altitude_m: float | None = Field(None, ge=0, description="height of the logs [m]; None = read from the file name")
     bin_m: Positive = Field(40.0, description="side of a cell [m]")
     fill_radius_m: NonNegative = Field(80.0, description="fill holes from neighbours within [m]; 0 = leave holes")
-    mask: Annotated[tuple[Finite, Finite, Finite], Strict(False)] | None = Field(
-        None, description="leave out samples within LAT LON RADIUS_M; None = the hover at take-off, if there is one"
+    mask: Annotated[tuple[Finite, Finite, Finite], Strict(False)] | Literal["auto", "none"] = Field(
+        "auto", description="leave out samples within LAT LON RADIUS_M; auto = the hover at take-off, if there is one"
     )
     unknown: Literal["blocked", "bad"] = Field("blocked", description="what an unknown cell is: not to be entered, or bad signal")
 

@@ -4,15 +4,16 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cellpilot.errors import InputError
 from cellpilot.evaluate.evaluation import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS
 from cellpilot.experiment import fingerprint, make_learner
-from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, load_parameters
+from cellpilot.policies.learned import save_parameters
 from cellpilot.provenance import write_atomically
 from cellpilot.runs import Run
 from cellpilot.task import Task
@@ -54,7 +55,10 @@ def ablation(run: Run, n_seeds: int, jobs: int, progress: Callable[[float], None
         mark = fingerprint(run.scenario.model_copy(update={"learner": learner}), run.world)
         file = folder / f"{name}-{seed}-{mark}.npy"
         if file.is_file():
-            return np.asarray(np.load(file))
+            try:
+                return np.asarray(np.load(file))
+            except (ValueError, OSError, EOFError) as error:
+                raise InputError(f"{file}: the learning curve is damaged ({error}); delete it to train it again") from error
         result: TrainingResult = train(
             make_learner(learner),
             run.task,
@@ -75,14 +79,19 @@ def ablation(run: Run, n_seeds: int, jobs: int, progress: Callable[[float], None
     with interruptible() as stop, ThreadPoolExecutor(jobs) as pool:
         futures: dict[Future[np.ndarray | None], tuple[str, int]] = {pool.submit(one, *t, stop.is_set): t for t in tasks}
         waiting = set(futures)
-        while waiting:
-            finished, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
-            for future in finished:
-                curve = future.result()
-                if curve is not None:
-                    curves[futures[future]] = curve
-                    done[futures[future]] = 1.0
-            progress(sum(done.values()) / len(tasks))
+        try:
+            while waiting:
+                finished, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    curve = future.result()
+                    if curve is not None:
+                        curves[futures[future]] = curve
+                        done[futures[future]] = 1.0
+                progress(sum(done.values()) / len(tasks))
+        except BaseException:
+            stop.set()  # the other trainings end at their next chunk, those in the queue never begin
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
         if stop.is_set() and len(curves) < len(tasks):
             return None
     values = np.stack([[curves[name, seed] for seed in range(n_seeds)] for name in VARIANTS]).astype(np.float32)
@@ -121,13 +130,15 @@ def sensitivity(run: Run, learned: bool, progress: Callable[[float], None] = lam
     """
     import xarray as xr
 
+    if not run.task.rho_step:
+        raise InputError("rho_step is 0, so there is no ratio rho_sinr / rho_step to vary: give the step a cost")
     points = list(_points(run.task))
     rows: list[dict[str, object]] = []
     for i, (knob, value, task) in enumerate(points):
         policies: list[Policy] = [GreedyPolicy(run.world), OptimalPolicy(run.world, task)]
         if learned:
             within = partial(_within, progress, i, len(points))
-            trained = _train_for(run, task, f"{knob.replace('/', '-')}-{value:g}", within)
+            trained = _train_for(run, task, within)
             if trained is None:
                 return None
             policies.append(trained)
@@ -162,25 +173,22 @@ def _points(task: Task) -> Iterator[tuple[str, float, Task]]:
         yield "rho_goal", reward, replace(task, rho_goal=reward)
 
 
-def _train_for(run: Run, task: Task, name: str, progress: Callable[[float], None]) -> LearnedPolicy | None:
+def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> LearnedPolicy | None:
+    """The learner trained on the run's map for other rewards; kept in the folder `sensitivity/`, one file per task."""
     from cellpilot.envs.arena import make_arena
     from cellpilot.learn.checkpoint import policy_parameters
     from cellpilot.learn.trainer import train
 
     settings = make_learner(run.scenario.learner)
-    arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
-    checkpoint: Path = run.folder / "sensitivity" / f"{name}.safetensors"
-    mark = fingerprint(run.scenario, run.world) + name
-    result = train(
-        settings,
-        task,
-        arena,
-        run.seed,
-        checkpoint=checkpoint,
-        fingerprint=mark,
-        progress=lambda p: progress(p.episode / p.episodes),
-    )
-    if not result.finished:
-        return None
-    parameters = policy_parameters(result.state.online, settings.architecture, run.world.grid.sides, {})
-    return LearnedPolicy(parameters, run.world.grid, run.scenario.evaluation.boltzmann_temperature)
+    mark = f"{fingerprint(run.scenario, run.world)}-{task.rho_sinr:g}-{task.rho_goal:g}-{run.seed}"
+    file = run.folder / "sensitivity" / f"{mark}.safetensors"
+    if not file.is_file():
+        arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
+        checkpoint = run.folder / "sensitivity" / f"state-{mark}.safetensors"
+        share = lambda p: progress(p.episode / p.episodes)
+        result = train(settings, task, arena, run.seed, checkpoint=checkpoint, fingerprint=mark, progress=share)
+        if not result.finished:
+            return None
+        save_parameters(policy_parameters(result.state.online, settings.architecture, run.world.grid.sides, {}), file)
+        checkpoint.unlink()
+    return LearnedPolicy(load_parameters(file), run.world.grid, run.scenario.evaluation.boltzmann_temperature)

@@ -107,7 +107,9 @@ class World:
     def _usable(self, position: Position, what: str) -> IntArray:
         cell = self.grid.cell(self.grid.check_position(position, what))
         if not np.isin(cell, self.free_cells):
-            raise InputError(f"the {what} {position} is blocked or cut off: choose a free cell")
+            near = self.grid.position(self.free_cells[self.grid.manhattan(self.free_cells, cell).argmin()])
+            free = ",".join(str(i) for i in near)
+            raise InputError(f"the {what} {position} is blocked or cut off: choose a free cell, the nearest is {free}")
         return cell.reshape(1)
 
     def low_probability(self, threshold_db: float) -> NDArray[np.float64]:

@@ -149,7 +149,7 @@ def made_up_sensitivity() -> xr.Dataset:
             rows.append(("rho_goal", goal, policy, 0.05, 1 + 0.05 * detour, 1 + 0.2 * detour, min(1.0, 0.9 + goal / 100)))
     names = ("knob", "value", "policy", "low_sinr_share", "path_ratio_mean", "path_ratio_p90", "reached_share")
     columns = {name: ("point", np.array([row[i] for row in rows])) for i, name in enumerate(names)}
-    return xr.Dataset(columns, attrs={"default_ratio": 10.0, "default_rho_goal": 10.0})
+    return xr.Dataset(columns, attrs={"threshold_db": 3.0, "default_ratio": 10.0, "default_rho_goal": 10.0})
 
 
 def _save(dataset: xr.Dataset, path: Path) -> None:

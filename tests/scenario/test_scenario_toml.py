@@ -63,7 +63,7 @@ measured = st.builds(
     altitude_m=st.none() | non_negative,
     bin_m=positive,
     fill_radius_m=non_negative,
-    mask=st.none() | st.tuples(finite, finite, finite),
+    mask=st.sampled_from(["auto", "none"]) | st.tuples(finite, finite, finite),
     unknown=st.sampled_from(["blocked", "bad"]),
 )
 tasks = st.builds(

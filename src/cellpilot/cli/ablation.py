@@ -30,7 +30,8 @@ def main(arguments: Sequence[str]) -> int:
     if dataset is None:
         err.print("stopped; call the same command again to go on")
         return 130
-    table = Table(title=f"mean return over the first {EARLY_EPISODES} episodes, {options.seeds} seeds")
+    n_episodes = min(EARLY_EPISODES, dataset.sizes["episode"])
+    table = Table(title=f"mean return over the first {n_episodes} episodes, {options.seeds} seeds")
     for column in ("variant", "mean", "standard deviation"):
         table.add_column(column, justify="left" if column == "variant" else "right")
     for variant, (mean, spread) in early_return(dataset).items():

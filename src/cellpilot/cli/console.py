@@ -1,5 +1,6 @@
 """What a person sees: tables on standard output, progress and warnings on standard error."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -15,10 +16,13 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+PLAIN_WIDTH = 120
+"""Characters in a line where standard output is no terminal: tables keep all their digits in a pipe or a log."""
+
 if TYPE_CHECKING:
     from cellpilot.learn.trainer import TrainingProgress
 
-out = Console(highlight=False, markup=False, soft_wrap=True)
+out = Console(highlight=False, markup=False, soft_wrap=True, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
 err = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
 
 

@@ -11,9 +11,12 @@ from cellpilot.cli.options import parse
 from cellpilot.provenance import versions
 from cellpilot.scenario import SHIPPED, Settings
 
+WITH_POLICY = ("thesis-2d", "thesis-2d-noise", "thesis-3d")
+"""Scenarios that ship with a trained policy."""
+
 
 class DoctorOptions(Settings):
-    """`doctor` has no options."""
+    """Options of `doctor`."""
 
     verbose: bool = Field(False, description="also list the shipped scenarios")
 
@@ -78,5 +81,6 @@ def _files() -> str:
 def _policies() -> str:
     from cellpilot.policies import load_parameters
 
-    found = [path.stem for path in sorted(SHIPPED.glob("*.safetensors")) if load_parameters(path)]
-    return ", ".join(found) or "none"
+    for name in WITH_POLICY:
+        load_parameters(SHIPPED / f"{name}.safetensors")
+    return ", ".join(WITH_POLICY)

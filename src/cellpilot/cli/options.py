@@ -31,10 +31,9 @@ HELP = ("-h", "--help")
 
 
 class ScenarioOptions(Settings):
-    """What every command on a scenario takes: the scenario, the folder, and every setting as a flag."""
+    """What every command on a scenario takes: the scenario, and every setting as a flag."""
 
     scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
-    out: Path | None = Field(None, description="run folder; default runs/NAME-...", strict=False)
     map: MapSettings = SimulatedMap()
     task: TaskSettings = TaskSettings()
     learner: LearnerSettings = LearnerSettings()
@@ -81,6 +80,11 @@ def _message(box: str, prog: str) -> str:
     """What tyro says, without its frame, title and suggestions. Written to a buffer, it draws with ASCII dashes."""
     blocks = re.split(r"\n *-{5,} *\n", box)
     message = " ".join(blocks[min(1, len(blocks) - 1)].split())
+    message = re.sub(r"invalid literal for int\(\) with base 10: ('.*?')", r"expected a whole number, found \1", message)
+    message = re.sub(r"could not convert string to float: ('.*?')", r"expected a number, found \1", message)
+    if no_match := re.search(r"Error parsing (--\S+): no type matching (.*?) could be instantiated from (\[.*?\])\.", message):
+        flag, expected, found = no_match.groups()
+        return f"{flag} {found}: expected {re.sub(r'[[]/?bold[]]', '', expected)}"
     if inconsistent := re.search(r"Value error, (.*?) \[type=value_error", message):
         return inconsistent[1]
     invalid = re.search(

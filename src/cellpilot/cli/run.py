@@ -67,7 +67,7 @@ def train_with_bar(run: Run) -> bool:
     except ImportError as error:
         raise InputError(f"training needs JAX, which cannot be imported ({error}); see cellpilot doctor") from error
     if not result.finished:
-        err.print(f"stopped after {len(result.history['reached'])} episodes; go on with: cellpilot run --resume {run.folder}")
+        err.print(f"stopped after {len(result.history['reached'])} episodes; go on with --resume {run.folder}")
         return False
     parameters = run.parameters()
     assert parameters is not None

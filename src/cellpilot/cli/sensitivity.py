@@ -11,6 +11,15 @@ from cellpilot.cli.options import ScenarioOptions, command_line, parse_scenario
 from cellpilot.runs import open_or_create_run
 from cellpilot.studies import sensitivity
 
+HEADINGS = {
+    "knob": "varied",
+    "low_sinr_share": "below",
+    "path_ratio_mean": "ratio mean",
+    "path_ratio_p90": "ratio p90",
+    "reached_share": "reached",
+}
+"""Short headings of the table."""
+
 
 class SensitivityOptions(ScenarioOptions):
     """Options of `sensitivity`."""
@@ -33,7 +42,7 @@ def main(arguments: Sequence[str]) -> int:
     table = Table(title="exact figures over all pairs")
     names = list(dataset.data_vars)
     for column in names:
-        table.add_column(str(column), justify="right")
+        table.add_column(HEADINGS.get(str(column), str(column)), justify="right", no_wrap=True)
     for point in range(dataset.sizes["point"]):
         values = [dataset[column].values[point] for column in names]
         table.add_row(*(v if isinstance(v, str) else f"{v:.4g}" for v in values))

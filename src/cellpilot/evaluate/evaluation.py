@@ -50,7 +50,7 @@ def evaluate(
     max_exhaustive_pairs: int = MAX_EXHAUSTIVE_PAIRS,
     progress: Progress = lambda share: None,
 ) -> Evaluation:
-    """Fly every policy on the same instances with the same stream of noise.
+    """Fly every policy on the same instances, each with a stream of draws of the same seed.
 
     Score and regret need policies named `greedy` and `optimal` among them. `progress` is told the share done (0..1).
     """

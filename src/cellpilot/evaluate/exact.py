@@ -90,8 +90,8 @@ def _arrivals(
     f_t(s) = sum_a pi(a|s) f_{t-1}(s'), where f_0 is 1 at the goal and 0 elsewhere, and f_t(goal) = 0 for t > 0.
     """
     at_goal = (goals, np.arange(len(goals)))
-    shortest = np.where(departures > 0, world.shortest_steps(goals), 0).astype(np.intp)
-    width = longest_shortest_path(world) + 1
+    width = longest_shortest_path(world, task) + 1
+    shortest = np.where(departures > 0, np.minimum(world.shortest_steps(goals), width - 1), 0).astype(np.intp)
     arrivals = np.zeros((task.max_steps + 1, width))
     hit = np.zeros_like(departures)
     hit[at_goal] = 1.0

@@ -28,14 +28,14 @@ class Summary:
         return Summary(*(getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__))
 
 
-def longest_shortest_path(world: World) -> int:
-    """An upper bound of the number of moves on a shortest path, for the size of tables."""
-    return world.grid.n_cells if world.blocked.any() else sum(world.grid.sides)
+def longest_shortest_path(world: World, task: Task) -> int:
+    """An upper bound of the shortest path of any flight that arrives within the cap, for the size of tables."""
+    return min(world.grid.n_cells if world.blocked.any() else sum(world.grid.sides), task.max_steps)
 
 
 def summarise(records: FlightRecords, visits: Visits, world: World, task: Task, expected: bool) -> Summary:
     """Sums of flown records: expectations over noise if `expected`, else the draws."""
-    shape = (task.max_steps + 1, longest_shortest_path(world) + 1)
+    shape = (task.max_steps + 1, longest_shortest_path(world, task) + 1)
     place = np.ravel_multi_index((records.n_steps[records.reached], records.shortest_steps[records.reached]), shape)
     arrivals = np.bincount(place, minlength=shape[0] * shape[1]).reshape(shape).astype(float)
     return Summary(

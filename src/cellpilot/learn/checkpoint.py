@@ -43,7 +43,7 @@ def load_state(path: Path, template: State, identity: dict[str, Any]) -> tuple[S
         raise InputError(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}; delete it to train from the start")
     try:
         about = json.loads(metadata["about"])
-        about = {name: about[name] for name in ("fingerprint", "seed", "train_wall_s")}
+        about = {"fingerprint": about["fingerprint"], "seed": about["seed"], "train_wall_s": float(about["train_wall_s"])}
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: the description is damaged ({error!r}); delete it to train from the start") from error
     if about | identity != about:

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
@@ -55,7 +55,6 @@ class TrainingResult:
     finished: bool
     train_wall_s: float  # without compilation, summed over resumed parts
     compile_s: float  # of this part
-    about: dict[str, object] = field(default_factory=dict)
 
     @property
     def env_steps(self) -> int:
@@ -89,19 +88,22 @@ def train(
     about: dict[str, object] = {"fingerprint": fingerprint, "seed": seed, "train_wall_s": 0.0}
     resumed = checkpoint is not None and checkpoint.is_file()
     if checkpoint is not None and resumed:
+        empty = history
         state, history, about = load_state(checkpoint, state, {"fingerprint": fingerprint, "seed": seed})
+        if any(name not in history or history[name].shape != (int(state.episode),) for name in empty):
+            raise InputError(f"{checkpoint}: the learning curve in it is damaged; delete it to train from the start")
     wall_before_s = float(about["train_wall_s"])  # type: ignore[arg-type]
     seed_array = jnp.int32(seed)
     if len(history["reached"]):
         progress(_progress(settings, history, state, chunk_episodes))
     with interruptible() as signalled:
         started = time.perf_counter()
-        fill = fill_replay.lower(state, arena, seed_array, settings=settings, task=task).compile()
+        fill = None if resumed else fill_replay.lower(state, arena, seed_array, settings=settings, task=task).compile()
         n_most = jnp.int32(0)
         chunk = train_chunk.lower(state, arena, seed_array, n_most, settings=settings, task=task, length=chunk_episodes).compile()
         compile_s = time.perf_counter() - started
         started = time.perf_counter()
-        state = state if resumed else fill(state, arena, seed_array)
+        state = state if fill is None else fill(state, arena, seed_array)
 
         def save() -> None:
             if checkpoint is not None:
@@ -125,7 +127,7 @@ def train(
         save()
     flown = jnp.arange(len(history["reached"]))
     history = history | {"exploration": np.asarray(exploration_at(settings, flown), np.float32)}
-    return TrainingResult(state, history, finished, wall_s, compile_s, about)
+    return TrainingResult(state, history, finished, wall_s, compile_s)
 
 
 @contextmanager

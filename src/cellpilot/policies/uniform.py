@@ -1,4 +1,4 @@
-"""The random policy: every action with the same probability (it fills the replay memory before learning)."""
+"""The random policy: every action with the same probability, for comparison in Python."""
 
 from dataclasses import dataclass
 

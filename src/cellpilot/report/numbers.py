@@ -8,6 +8,8 @@ MISSING = "–"
 
 def percent(share: float, digits: int = 2) -> str:
     """A share as percent; what is neither none nor all is never rounded to 0 or 100."""
+    if abs(share - round(share)) < 1e-9:  # sums of probabilities are exact only so far
+        share = float(round(share))
     for more in range(digits, digits + 8):
         text = f"{100 * share:.{more}f}"
         if share in (0.0, 1.0) or float(text) not in (0.0, 100.0):

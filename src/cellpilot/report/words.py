@@ -2,14 +2,10 @@
 
 from typing import Any
 
-import numpy as np
-
+from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.report.content import Content
 from cellpilot.report.numbers import count, number, percent
 from cellpilot.report.style import policy_line
-
-NEARLY_ALL = 0.95
-"""A threshold that more than this share of the map meets, or misses, leaves little to decide."""
 
 
 def summary_paragraphs(run: Content) -> list[str]:
@@ -78,10 +74,10 @@ def _score_words(row: dict[str, Any]) -> str:
 
 def _warnings(run: Content) -> list[str]:
     warnings = []
-    low = np.nan_to_num(run.world.low_probability(run.task.threshold_db))[run.world.free_cells].mean()
-    if not 1 - NEARLY_ALL < low < NEARLY_ALL:
-        what = "misses" if low >= NEARLY_ALL else "meets"
-        warnings.append(f"Warning: nearly the whole map {what} the threshold; another one tells policies apart better.")
+    if warning := threshold_warning(run.world, run.task.threshold_db):
+        warnings.append(f"Warning: {warning}.")
+    if run.parameters is not None and (warning := divergence_warning(run.parameters, run.world, run.task)):
+        warnings.append(f"Warning: {warning}.")
     unreachable = run.metrics.get("unreachable_pairs", 0)
     if unreachable:
         warnings.append(f"{count(unreachable)} start-goal pairs are cut apart by blocked cells and left out.")
