@@ -80,9 +80,10 @@ def draw_sinr_cdf(run: Content) -> Figure:
     rising = np.any([(share > 0.001) & (share < 0.999) for _, share in curves.values()], axis=0)
     levels_db = next(iter(curves.values()))[0]
     limits = (levels_db[rising][0] - 1, levels_db[rising][-1] + 1) if rising.any() else (levels_db[0], levels_db[-1])
+    threshold_db = run.task.threshold_db
+    limits = (min(limits[0], threshold_db - 1), max(limits[1], threshold_db + 1))
     figure = _draw_cdfs(run, curves, "measured SINR [dB]", "share of steps [1]", limits)
     axes = figure.axes[0]
-    threshold_db = run.task.threshold_db
     axes.axvline(threshold_db, color=VERMILION, linestyle=(0, (4, 2)), linewidth=1.2)
     axes.annotate(
         f"threshold {threshold_db:g} dB",

@@ -96,24 +96,20 @@ def _draw_goal(run: Content, goal: int) -> Figure:
     figure.colorbar(shade, ax=left, label=f"P(SINR < {run.task.threshold_db:g} dB) [1]", location="bottom", shrink=0.9, pad=0.02)
     stride = -(-max(action.shape) // ARROWS_PER_SIDE)
     moves = draw_moves(left, run, action, stride)
-    left.set_title("action" + (f" of every {stride}. cell" if stride > 1 else ""))
 
     finite = value[np.isfinite(value)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     mesh = draw_cells(right, grid, value, SINR_COLOURS, low, max(high, low + 1e-6))
     outline_area(right, grid, chance > 0.5, width=0.8)
     figure.colorbar(mesh, ax=right, label="value, max Q [reward]", location="bottom", shrink=0.9, pad=0.02)
-    right.set_title("value")
 
     x_m, y_m, z_m = grid.metres(goal)
     for axes in (left, right):
         draw_special_cells(axes, grid, run.radio_map, iz)
         axes.plot(x_m, y_m, "*", markersize=15, markerfacecolor=GREEN, markeredgecolor="black", markeredgewidth=0.9, zorder=5)
-    if isinstance(run.shown_policy, LearnedPolicy):
-        who = "learned policy (arg max)"
-    else:
-        who = "optimal policy, as the run has no learned one"
-    figure.suptitle(f"{who}, height {z_m:g} m, goal at ({x_m:g}, {y_m:g}) m", fontsize=9)
+    who = "learned, arg max" if isinstance(run.shown_policy, LearnedPolicy) else "optimal, as nothing is learned"
+    left.set_title(f"{who}: action" + (f" of every {stride}. cell" if stride > 1 else ""), fontsize=9)
+    right.set_title(f"value at {z_m:g} m, goal at ({x_m:g}, {y_m:g}) m", fontsize=9)
     star = Line2D([], [], linestyle="", marker="*", markersize=12, markerfacecolor=GREEN, markeredgecolor="black", label="goal")
     handles: list[Line2D | Patch] = [
         star,
