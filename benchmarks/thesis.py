@@ -58,7 +58,7 @@ def finished(name: str, seed: int, out: Path, as_written: bool) -> Run:
     folder = out / f"{name}{'-as-written' if as_written else ''}-{seed}"
     run = open_or_create_run(folder, scenario, f"benchmarks/thesis.py, seed {seed}", seed)
     if not run.policy_file.exists():
-        with training_bar(scenario.learner.episodes, "temperature") as progress:
+        with training_bar(scenario.learner.episodes, "episodes", "temperature") as progress:
             if not train_run(run, progress).finished:
                 raise SystemExit(130)
     if not (folder / "eval.nc").exists():

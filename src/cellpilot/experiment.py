@@ -1,6 +1,6 @@
 """From a scenario to map, world, task, learner settings and policies: the one place where they are put together."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
+from cellpilot.learn.algorithms.base import AlgorithmSettings
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
 from cellpilot.provenance import digest
@@ -90,8 +91,12 @@ def make_task(settings: RewardSettings, grid: Grid) -> Task:
     )
 
 
-def make_learner(settings: LearnerSettings) -> DDQNHER:
-    """Settings as compiled code needs them."""
+def make_learner(settings: LearnerSettings) -> AlgorithmSettings:
+    """Settings of the scenario's algorithm as compiled code needs them."""
+    return LEARNERS[settings.algorithm](settings)
+
+
+def _ddqn_her(settings: LearnerSettings) -> DDQNHER:
     return DDQNHER(
         episodes=settings.episodes,
         batch_size=settings.batch_size,
@@ -111,6 +116,9 @@ def make_learner(settings: LearnerSettings) -> DDQNHER:
         architecture=settings.architecture,
         hidden=(settings.hidden_units,) * settings.hidden_layers,
     )
+
+
+LEARNERS: dict[str, Callable[[LearnerSettings], AlgorithmSettings]] = {"ddqn-her": _ddqn_her}
 
 
 def make_policies(world: World, task: Task, temperature: float, parameters: PolicyParameters | None) -> Sequence[Policy]:

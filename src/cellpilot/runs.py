@@ -17,7 +17,6 @@ from cellpilot.errors import InputError
 from cellpilot.evaluate import Evaluation, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.experiment import fingerprint, make_learner, make_map, make_policies, make_task, shipped_policy
-from cellpilot.learn.algorithms.ddqn_her_settings import check_fits
 from cellpilot.policies import OptimalPolicy, PolicyParameters, load_parameters
 from cellpilot.provenance import TEMPORARY, versions, write_atomically
 from cellpilot.scenario import SHIPPED, Scenario, dump_scenario, find_scenario, load_scenario
@@ -82,7 +81,7 @@ def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force:
         raise InputError(f"{folder} is not empty; {', or '.join([*hints, 'choose an empty folder'])}")
     radio_map = make_map(scenario.map)
     run = _assemble(folder, scenario, seed, radio_map)
-    check_fits(make_learner(scenario.learner), run.task)
+    make_learner(scenario.learner).check_fits(run.task)
     OptimalPolicy.undiscounted(run.world, run.task).actions(run.world.free_cells[:1])  # refuses a task without an optimum
     if occupied:
         shutil.rmtree(folder)
@@ -149,7 +148,6 @@ def open_run_or_shipped(name: str, command: str) -> Run:
 def train_run(run: Run, progress: "Callable[[TrainingProgress], None]" = lambda progress: None) -> "TrainingResult":
     """Train, going on from the folder's checkpoint if there is one; writes state, learning curve and policy."""
     from cellpilot.envs.arena import make_arena
-    from cellpilot.learn.checkpoint import policy_parameters
     from cellpilot.learn.trainer import train
     from cellpilot.policies.learned import save_parameters
 
@@ -161,13 +159,12 @@ def train_run(run: Run, progress: "Callable[[TrainingProgress], None]" = lambda 
     if not result.finished:
         return result
     about = {"scenario": run.scenario.name, "seed": run.seed, "fingerprint": mark, "task": asdict(run.task)}
-    parameters = policy_parameters(result.state.online, settings.architecture, run.world.grid.sides, about)
-    save_parameters(parameters, run.policy_file)
+    save_parameters(result.policy_parameters(run.world.grid.sides, about), run.policy_file)
     _write_history(run, result)
     run.update_facts(
         train_wall_s=round(result.train_wall_s, 3),
         compile_s=round(result.compile_s, 3),
-        updates=settings.episodes * settings.updates_per_episode,
+        updates=settings.updates,
         env_steps=result.env_steps,
     )
     return result
@@ -276,16 +273,19 @@ def _holds_run(folder: Path) -> bool:
 def _write_history(run: Run, result: "TrainingResult") -> None:
     import xarray as xr
 
-    learner = run.scenario.learner
+    settings = result.settings
     texts = {
         "episode_return": "return of the exploring policy",
         "n_steps": "steps flown",
         "reached": "goal reached",
-        "exploration": "temperature" if learner.exploration == "boltzmann" else "epsilon",
+        "exploration": settings.explores_by,
     }
     dataset = xr.Dataset(
-        {name: (("episode",), result.history[name], {"units": "1", "long_name": text}) for name, text in texts.items()},
-        coords={"episode": np.arange(learner.episodes)},
-        attrs={"exploration": learner.exploration, "seed": run.seed},
+        {
+            name: (("episode",), column, {"units": "1", "long_name": texts.get(name, name)})
+            for name, column in result.history.items()
+        },
+        coords={"episode": np.arange(settings.rounds)},
+        attrs={"exploration": run.scenario.learner.exploration, "counts": settings.counts, "seed": run.seed},
     )
     write_atomically(run.folder / "train.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))

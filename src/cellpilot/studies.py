@@ -66,7 +66,7 @@ def ablation(run: Run, n_seeds: int, jobs: int, progress: Callable[[float], None
             seed,
             checkpoint=folder / f"{name}-{seed}.safetensors",
             fingerprint=mark,
-            progress=lambda p: done.__setitem__((name, seed), p.episode / p.episodes),
+            progress=lambda p: done.__setitem__((name, seed), p.done / p.rounds),
             interrupted=stop,
         )
         if not result.finished:
@@ -176,7 +176,6 @@ def _points(task: Task) -> Iterator[tuple[str, float, Task]]:
 def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> LearnedPolicy | None:
     """The learner trained on the run's map for other rewards; kept in the folder `sensitivity/`, one file per task."""
     from cellpilot.envs.arena import make_arena
-    from cellpilot.learn.checkpoint import policy_parameters
     from cellpilot.learn.trainer import train
 
     settings = make_learner(run.scenario.learner)
@@ -185,10 +184,10 @@ def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> Learn
     if not file.is_file():
         arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
         checkpoint = run.folder / "sensitivity" / f"state-{mark}.safetensors"
-        share = lambda p: progress(p.episode / p.episodes)
+        share = lambda p: progress(p.done / p.rounds)
         result = train(settings, task, arena, run.seed, checkpoint=checkpoint, fingerprint=mark, progress=share)
         if not result.finished:
             return None
-        save_parameters(policy_parameters(result.state.online, settings.architecture, run.world.grid.sides, {}), file)
+        save_parameters(result.policy_parameters(run.world.grid.sides, {}), file)
         checkpoint.unlink()
     return LearnedPolicy(load_parameters(file), run.world.grid, run.scenario.evaluation.boltzmann_temperature)

@@ -15,7 +15,6 @@ from cellpilot.envs.arena import make_arena
 from cellpilot.evaluate import evaluate
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.ddqn_her import DDQNHER
-from cellpilot.learn.checkpoint import policy_parameters
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters
 from cellpilot.policies.optimal import optimal_values
@@ -65,9 +64,9 @@ def learned(name: str) -> PolicyParameters:
     pad: Callable = lambda cells: jnp.pad(cells, (0, SIDE * SIDE - cells.size))
     arena = replace(arena, start_cells=pad(arena.start_cells), goal_cells=pad(arena.goal_cells))
     chunks = iter(range(episodes // CHUNK))
-    result = train(SETTINGS, TASK, arena, seed=0, chunk_episodes=CHUNK, interrupted=lambda: next(chunks, None) is None)
+    result = train(SETTINGS, TASK, arena, seed=0, chunk_rounds=CHUNK, interrupted=lambda: next(chunks, None) is None)
     assert int(result.state.episode) == episodes
-    return policy_parameters(result.state.online, SETTINGS.architecture, world.grid.sides, {})
+    return result.policy_parameters(world.grid.sides, {})
 
 
 @pytest.mark.parametrize("name", list(RUNGS)[:-1])

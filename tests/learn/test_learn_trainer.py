@@ -27,7 +27,7 @@ from cellpilot.learn.checkpoint import load_state, named_leaves, save_state
 from cellpilot.learn.losses import q_learning_target
 from cellpilot.learn.networks import QNetwork
 from cellpilot.learn.replay import sample
-from cellpilot.learn.trainer import TrainingProgress, TrainingResult, check_fits, train
+from cellpilot.learn.trainer import TrainingProgress, TrainingResult, train
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -47,7 +47,7 @@ def arena(random_world: Callable[..., World]) -> Arena:
 @pytest.fixture(scope="module")
 def uninterrupted(arena: Arena) -> TrainingResult:
     """The run that others are compared with."""
-    return train(SMALL, TASK, arena, seed=3, chunk_episodes=4)
+    return train(SMALL, TASK, arena, seed=3, chunk_rounds=4)
 
 
 def assert_equal_bitwise(one: object, two: object) -> None:
@@ -84,13 +84,13 @@ def test_a_training_tells_what_it_did(uninterrupted: TrainingResult) -> None:
 
 
 def test_equal_seeds_are_equal(arena: Arena, uninterrupted: TrainingResult) -> None:
-    assert_same_run(train(SMALL, TASK, arena, seed=3, chunk_episodes=4), uninterrupted)
+    assert_same_run(train(SMALL, TASK, arena, seed=3, chunk_rounds=4), uninterrupted)
 
 
 def test_different_seeds_differ_in_parameters_actions_and_returns(arena: Arena, uninterrupted: TrainingResult) -> None:
     fresh = [initial_state(SMALL, arena, seed) for seed in (3, 4)]
     assert (weights(fresh[0].online) != weights(fresh[1].online)).all()
-    other = train(SMALL, TASK, arena, seed=4, chunk_episodes=4)
+    other = train(SMALL, TASK, arena, seed=4, chunk_rounds=4)
     assert (weights(other.state.online) != weights(uninterrupted.state.online)).all()
     for field in ("cell", "action", "sinr_db"):
         one, two = (np.asarray(getattr(r.state.replay.experiences.transition, field)) for r in (other, uninterrupted))
@@ -100,7 +100,7 @@ def test_different_seeds_differ_in_parameters_actions_and_returns(arena: Arena, 
 
 @pytest.mark.parametrize("length", [1, 7, 30])
 def test_the_length_of_chunks_changes_nothing(arena: Arena, uninterrupted: TrainingResult, length: int) -> None:
-    assert_same_run(train(SMALL, TASK, arena, seed=3, chunk_episodes=length), uninterrupted)
+    assert_same_run(train(SMALL, TASK, arena, seed=3, chunk_rounds=length), uninterrupted)
 
 
 @pytest.mark.parametrize("stops", [[0], [3], [1, 2], [2, 1, 0, 2]])
@@ -110,13 +110,13 @@ def test_a_resumed_run_equals_an_uninterrupted_one(
     checkpoint = tmp_path / "state.safetensors"
     for chunks in stops:
         left = iter([False] * chunks + [True])
-        part = train(SMALL, TASK, arena, 3, checkpoint=checkpoint, chunk_episodes=4, interrupted=lambda left=left: next(left))
+        part = train(SMALL, TASK, arena, 3, checkpoint=checkpoint, chunk_rounds=4, interrupted=lambda left=left: next(left))
         assert not part.finished
         assert checkpoint.is_file()
-    result = train(SMALL, TASK, arena, 3, checkpoint=checkpoint, chunk_episodes=4)
+    result = train(SMALL, TASK, arena, 3, checkpoint=checkpoint, chunk_rounds=4)
     assert result.finished
     assert_same_run(result, uninterrupted)
-    again = train(SMALL, TASK, arena, 3, checkpoint=checkpoint, chunk_episodes=4)  # nothing left to do
+    again = train(SMALL, TASK, arena, 3, checkpoint=checkpoint, chunk_rounds=4)  # nothing left to do
     assert_same_run(again, uninterrupted)
 
 
@@ -128,12 +128,12 @@ def test_checkpoints_during_training_change_nothing(tmp_path: Path, arena: Arena
         arena,
         3,
         checkpoint=tmp_path / "state.safetensors",
-        chunk_episodes=4,
+        chunk_rounds=4,
         checkpoint_every_s=0.0,
         progress=seen.append,
     )
     assert_same_run(result, uninterrupted)
-    assert [p.episode for p in seen] == [4, 8, 12, 16, 20, 24]
+    assert [p.done for p in seen] == [4, 8, 12, 16, 20, 24]
     assert seen[0].reached_share == pytest.approx(uninterrupted.history["reached"][:4].mean())
     assert seen[1].return_mean == pytest.approx(uninterrupted.history["episode_return"][4:8].mean())
 
@@ -143,7 +143,7 @@ def interrupted(tmp_path: Path, arena: Arena) -> Path:
     """The checkpoint of a run that was stopped after its first chunk."""
     path = tmp_path / "state.safetensors"
     left = iter([False, True])
-    train(SMALL, TASK, arena, 3, checkpoint=path, fingerprint="this", chunk_episodes=4, interrupted=lambda: next(left))
+    train(SMALL, TASK, arena, 3, checkpoint=path, fingerprint="this", chunk_rounds=4, interrupted=lambda: next(left))
     return path
 
 
@@ -163,7 +163,7 @@ def test_a_checkpoint_of_other_settings_is_refused(
 ) -> None:
     before = interrupted.read_bytes()
     with pytest.raises(InputError, match=r"state\.safetensors"):
-        train(settings, TASK, arena, seed, checkpoint=interrupted, fingerprint=fingerprint, chunk_episodes=4)
+        train(settings, TASK, arena, seed, checkpoint=interrupted, fingerprint=fingerprint, chunk_rounds=4)
     assert interrupted.read_bytes() == before
 
 
@@ -174,7 +174,7 @@ def test_a_damaged_checkpoint_is_named(arena: Arena, interrupted: Path) -> None:
     for content in (b"", whole[:7], whole[:100], whole[: len(whole) // 2], whole[:-1], flipped, b"\xff" * 64):
         interrupted.write_bytes(content)
         with pytest.raises(InputError, match=r"state\.safetensors"):
-            train(SMALL, TASK, arena, 3, checkpoint=interrupted, fingerprint="this", chunk_episodes=4)
+            train(SMALL, TASK, arena, 3, checkpoint=interrupted, fingerprint="this", chunk_rounds=4)
 
 
 @pytest.mark.parametrize("old", [b"fingerprint", b"seed", b"train_wall_s"])
@@ -184,7 +184,7 @@ def test_a_checkpoint_with_a_damaged_description_is_named(arena: Arena, interrup
         assert whole.count(old) == 1
         interrupted.write_bytes(whole.replace(old, new))
         with pytest.raises(InputError, match=r"state\.safetensors"):
-            train(SMALL, TASK, arena, 3, checkpoint=interrupted, fingerprint="this", chunk_episodes=4)
+            train(SMALL, TASK, arena, 3, checkpoint=interrupted, fingerprint="this", chunk_rounds=4)
 
 
 def test_state_files_round_trip(tmp_path: Path, arena: Arena, uninterrupted: TrainingResult) -> None:
@@ -207,12 +207,12 @@ def test_a_flight_that_outgrows_the_replay_memory_is_refused_before_training(are
 def test_more_random_experiences_than_the_memory_holds_are_refused(arena: Arena) -> None:
     """Without the check, filling the memory never ends."""
     with pytest.raises(InputError, match="replay_start"):
-        check_fits(replace(SMALL, replay_start=SMALL.replay_capacity + 1), TASK)
+        replace(SMALL, replay_start=SMALL.replay_capacity + 1).check_fits(TASK)
 
 
 def test_a_training_that_diverges_says_so(arena: Arena) -> None:
     with pytest.raises(InputError, match="diverged"):
-        train(replace(SMALL, learning_rate=1e30), TASK, arena, 0, chunk_episodes=4)
+        train(replace(SMALL, learning_rate=1e30), TASK, arena, 0, chunk_rounds=4)
 
 
 @pytest.fixture(scope="module")
@@ -265,7 +265,7 @@ def test_exploration_decays_over_its_share_of_the_episodes() -> None:
 
 def test_progress_shows_the_exploration_of_the_episode(arena: Arena) -> None:
     seen: list[TrainingProgress] = []
-    train(SMALL, TASK, arena, 3, chunk_episodes=4, progress=seen.append)
+    train(SMALL, TASK, arena, 3, chunk_rounds=4, progress=seen.append)
     assert [p.exploration for p in seen] == pytest.approx(
         [2.0 - 1.9 * min(e / 12, 1.0) for e in (4, 8, 12, 16, 20, 24)], abs=1e-5
     )

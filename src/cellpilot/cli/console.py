@@ -44,8 +44,8 @@ def _bar(*columns: ProgressColumn) -> Iterator[Progress]:
 
 
 @contextmanager
-def training_bar(episodes: int, explores: str) -> "Iterator[Callable[[TrainingProgress], None]]":
-    """A bar with episodes, rate, time left, return, share reached and exploration (`explores` names it)."""
+def training_bar(rounds: int, counts: str, explores: str) -> "Iterator[Callable[[TrainingProgress], None]]":
+    """A bar with episodes (`counts` names them), rate, time left, return, share reached and exploration (`explores`)."""
     columns = (
         TextColumn("train"),
         BarColumn(bar_width=24),
@@ -57,15 +57,15 @@ def training_bar(episodes: int, explores: str) -> "Iterator[Callable[[TrainingPr
         TextColumn("{task.fields[facts]}"),
     )
     with _bar(*columns) as bar:
-        task = bar.add_task("train", total=episodes, rate="", facts="compiling")
+        task = bar.add_task("train", total=rounds, rate="", facts="compiling")
 
         def show(progress: "TrainingProgress") -> None:
             speed = bar.tasks[0].speed
-            rate = f"{speed:,.0f} episodes/s" if speed else ""
+            rate = f"{speed:,.0f} {counts}/s" if speed else ""
             facts = (
                 f"return {progress.return_mean:+.2f}  reached {progress.reached_share:.1%}  {explores} {progress.exploration:.2f}"
             )
-            bar.update(task, completed=progress.episode, rate=rate, facts=facts)
+            bar.update(task, completed=progress.done, rate=rate, facts=facts)
 
         yield show
 

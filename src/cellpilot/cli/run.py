@@ -8,7 +8,7 @@ from pydantic import Field
 from cellpilot.cli.console import err, out, share_bar, training_bar, warn
 from cellpilot.cli.options import ScenarioOptions, command_line, parse, parse_scenario
 from cellpilot.errors import InputError
-from cellpilot.experiment import divergence_warning, threshold_warning
+from cellpilot.experiment import divergence_warning, make_learner, threshold_warning
 from cellpilot.runs import Run, create_run, evaluate_run, open_run, payload, save_evaluation, train_run
 from cellpilot.scenario import EvaluationSettings, Settings
 
@@ -61,13 +61,13 @@ def prepare(arguments: Sequence[str], verb: str, description: str) -> Run:
 def train_with_bar(run: Run) -> bool:
     """Train and say how it went; False if it was interrupted."""
     try:
-        learner = run.scenario.learner
-        with training_bar(learner.episodes, "temperature" if learner.exploration == "boltzmann" else "epsilon") as progress:
+        learner = make_learner(run.scenario.learner)
+        with training_bar(learner.rounds, learner.counts, learner.explores_by) as progress:
             result = train_run(run, progress)
     except ImportError as error:
         raise InputError(f"training needs JAX, which cannot be imported ({error}); see cellpilot doctor") from error
     if not result.finished:
-        err.print(f"stopped after {len(result.history['reached'])} episodes; go on with --resume {run.folder}")
+        err.print(f"stopped after {len(result.history['reached'])} {learner.counts}; go on with --resume {run.folder}")
         return False
     parameters = run.parameters()
     assert parameters is not None

@@ -67,7 +67,11 @@ def draw_training(run: Content) -> Figure | None:
     middle.set(ylabel="goal reached\n[share]", ylim=(-0.03, 1.03))
     bottom.plot(*moving_mean(data["exploration"].values, 1), color=PURPLE)
     kind = str(data.attrs.get("exploration", ""))
-    bottom.set(xlabel="training episode [1]", ylabel=EXPLORATION_LABELS.get(kind, "exploration\n[1]"), ylim=(0, None))
+    bottom.set(
+        xlabel=f"training {data.attrs.get('counts', 'episodes')} [1]",
+        ylabel=EXPLORATION_LABELS.get(kind, "exploration\n[1]"),
+        ylim=(0, None),
+    )
     bottom.set_xlim(0, data.sizes["episode"])
     for axes in (top, middle, bottom):
         axes.grid(True)

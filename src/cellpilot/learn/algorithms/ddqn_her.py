@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,11 +14,13 @@ from jaxtyping import Array, Float, Int
 from cellpilot.envs.arena import Arena, draw_start_and_goal
 from cellpilot.envs.flight import Flight, flight_return, fly
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
+from cellpilot.learn.checkpoint import policy_parameters
 from cellpilot.learn.exploration import NOISE, linear_schedule
 from cellpilot.learn.hindsight import hindsight_goals
 from cellpilot.learn.losses import q_learning_target, squared_td_error
 from cellpilot.learn.networks import ARCHITECTURES, QNetwork
 from cellpilot.learn.replay import Experience, Replay, add, init_replay, sample
+from cellpilot.policies.learned import PolicyParameters
 from cellpilot.task import Task
 
 MAX_TABLE_CELLS = 4096
@@ -37,6 +40,11 @@ class LearnerState:
     episode: Int[Array, ""]
     env_steps: Int[Array, ""]
 
+    @property
+    def rounds_done(self) -> Int[Array, "..."]:
+        """How far training is, as the trainer counts."""
+        return self.episode
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -46,6 +54,11 @@ class EpisodeStatistics:
     episode_return: Float[Array, "..."]
     n_steps: Int[Array, "..."]
     reached: Array
+
+
+def empty_rows(length: int) -> EpisodeStatistics:
+    """Room for the statistics of `length` episodes."""
+    return EpisodeStatistics(jnp.zeros(length), jnp.zeros(length, jnp.int32), jnp.zeros(length, bool))
 
 
 def initial_state(settings: DDQNHER, arena: Arena, seed: int) -> LearnerState:
@@ -143,6 +156,13 @@ def exploration_at(settings: DDQNHER, episode: Int[Array, "..."]) -> Float[Array
     )
 
 
+def learned_policy(
+    state: LearnerState, settings: DDQNHER, sides: tuple[int, int, int], about: dict[str, Any]
+) -> PolicyParameters:
+    """The online network as plain NumPy weights."""
+    return policy_parameters(state.online, settings.architecture, sides, about)
+
+
 @partial(jax.jit, static_argnames=("settings", "task"), donate_argnames="state")
 def fill_replay(state: LearnerState, arena: Arena, seed: Int[Array, ""], *, settings: DDQNHER, task: Task) -> LearnerState:
     """Fly at random until `replay_start` experiences are stored, those of hindsight included."""
@@ -175,11 +195,10 @@ def train_chunk(
     Randomness is a function of (seed, episode number) alone: how episodes are split into chunks changes nothing.
     """
     key = jax.random.fold_in(jax.random.key(seed), 2)
-    statistics = EpisodeStatistics(jnp.zeros(length), jnp.zeros(length, jnp.int32), jnp.zeros(length, bool))
 
     def body(i: Array, carry: tuple[LearnerState, EpisodeStatistics]) -> tuple[LearnerState, EpisodeStatistics]:
         state, rows = carry
         state, row = run_episode(key, settings, arena, task, state)
         return state, jax.tree.map(lambda all_rows, new: all_rows.at[i].set(new), rows, row)
 
-    return jax.lax.fori_loop(0, n_episodes, body, (state, statistics))
+    return jax.lax.fori_loop(0, n_episodes, body, (state, empty_rows(length)))

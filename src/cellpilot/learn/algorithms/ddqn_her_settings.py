@@ -1,7 +1,7 @@
 """Settings of DDQN-HER as compiled code needs them. No JAX here: they are checked before anything slow is imported."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from cellpilot.errors import InputError
 from cellpilot.task import Task
@@ -14,6 +14,10 @@ Architecture = Literal["concatenated", "two-stream"]
 @dataclass(frozen=True)
 class DDQNHER:
     """Settings of the learner as compiled code needs them; `scenario.LearnerSettings` documents each (Table 4.3)."""
+
+    algorithm: ClassVar[str] = "ddqn-her"
+    counts: ClassVar[str] = "episodes"
+    chunk_rounds: ClassVar[int] = 250
 
     episodes: int = 30_000
     batch_size: int = 32
@@ -33,16 +37,28 @@ class DDQNHER:
     architecture: Architecture = "concatenated"
     hidden: tuple[int, ...] = (50, 50, 50)
 
+    @property
+    def rounds(self) -> int:
+        """A round is one flight and the updates after it."""
+        return self.episodes
 
-def check_fits(settings: DDQNHER, task: Task) -> None:
-    """`InputError` before anything is compiled if the replay memory cannot hold a flight, or its random start."""
-    rows = task.max_steps * (1 + settings.hindsight_ratio)
-    if rows > settings.replay_capacity:
-        raise InputError(
-            f"replay_capacity is {settings.replay_capacity}, but one flight can store {rows} experiences "
-            f"({task.max_steps} steps x {1 + settings.hindsight_ratio}): raise replay_capacity or lower max_steps"
-        )
-    if settings.replay_start > settings.replay_capacity:
-        raise InputError(
-            f"replay_start {settings.replay_start} is larger than replay_capacity {settings.replay_capacity}; lower it"
-        )
+    @property
+    def updates(self) -> int:
+        """Optimisation steps of the whole training."""
+        return self.episodes * self.updates_per_episode
+
+    @property
+    def explores_by(self) -> str:
+        """Name of the quantity that `exploration_at` returns."""
+        return "temperature" if self.exploration == "boltzmann" else "epsilon"
+
+    def check_fits(self, task: Task) -> None:
+        """`InputError` before anything is compiled if the replay memory cannot hold a flight, or its random start."""
+        rows = task.max_steps * (1 + self.hindsight_ratio)
+        if rows > self.replay_capacity:
+            raise InputError(
+                f"replay_capacity is {self.replay_capacity}, but one flight can store {rows} experiences "
+                f"({task.max_steps} steps x {1 + self.hindsight_ratio}): raise replay_capacity or lower max_steps"
+            )
+        if self.replay_start > self.replay_capacity:
+            raise InputError(f"replay_start {self.replay_start} is larger than replay_capacity {self.replay_capacity}; lower it")
