@@ -13,6 +13,7 @@ from jaxtyping import Array
 
 from cellpilot.envs.arena import Arena, make_arena
 from cellpilot.learn.algorithms.ddqn_her import DDQNHER, LearnerState, fill_replay, initial_state, optimize, train_chunk
+from cellpilot.learn.compile import compile_ahead
 from cellpilot.maps import simulate_map
 from cellpilot.radio import hexagonal_deployment
 from cellpilot.task import Task, default_max_steps
@@ -78,8 +79,8 @@ def train_in_slices(case: Case, seed: int, episodes: int, slices: int) -> Iterat
     length = -(-episodes // slices)
     jax_seed, options = jnp.int32(seed), {"settings": case.settings, "task": case.task}
     began = time.perf_counter()
-    fill = fill_replay.lower(state, case.arena, jax_seed, **options).compile()
-    train = train_chunk.lower(state, case.arena, jax_seed, jnp.int32(length), length=length, **options).compile()
+    fill = compile_ahead(fill_replay, state, case.arena, jax_seed, **options)
+    train = compile_ahead(train_chunk, state, case.arena, jax_seed, jnp.int32(length), length=length, **options)
     compile_s = time.perf_counter() - began
 
     began = time.perf_counter()
@@ -113,7 +114,7 @@ def make_update(case: Case, rounds: int) -> Callable[[], float]:
 
         return jax.lax.fori_loop(0, rounds, body, learning(state))
 
-    compiled = jax.jit(run).lower(state, case.arena, jax.random.key(0)).compile()
+    compiled = compile_ahead(jax.jit(run), state, case.arena, jax.random.key(0))
     keys = iter(range(1, 1_000_000))
 
     def seconds_per_update() -> float:

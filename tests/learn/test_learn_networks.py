@@ -12,7 +12,18 @@ from safetensors.numpy import save_file
 from cellpilot.envs.arena import make_arena
 from cellpilot.errors import InputError
 from cellpilot.learn.checkpoint import named_leaves, policy_parameters
-from cellpilot.learn.networks import ARCHITECTURES, ConcatenatedQ, MultilayerPerceptron, TwoStreamQ, leaky_relu, parameter_count
+from cellpilot.learn.networks import (
+    ARCHITECTURES,
+    ConcatenatedQ,
+    MultilayerPerceptron,
+    QNetwork,
+    TwoStreamQ,
+    action_values,
+    fold,
+    leaky_relu,
+    parameter_count,
+    unfold,
+)
 from cellpilot.policies import LearnedPolicy, PolicyParameters, load_parameters
 from cellpilot.policies.learned import save_parameters
 from cellpilot.world import World
@@ -145,3 +156,46 @@ def test_a_policy_without_a_usable_description(tmp_path: Path, header: str | Non
 def test_leaves_are_named_by_their_path() -> None:
     names = list(named_leaves(eqx.filter(ConcatenatedQ(2, 4, (3,), jax.random.key(0)), eqx.is_array)))
     assert names == [f"network.layers.{i}.{kind}" for i in range(2) for kind in ("weight", "bias")]
+
+
+def folded_case(architecture: str) -> tuple[QNetwork, jax.Array, jax.Array]:
+    """A network and a batch of positions and goals as columns."""
+    network = ARCHITECTURES[architecture](2, 4, (12, 9, 7), jax.random.key(1))
+    position, goal = jax.random.uniform(jax.random.key(2), (2, 2, 11), minval=-1.0, maxval=1.0)
+    return network, position, goal
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+def test_folding_keeps_every_parameter(architecture: str) -> None:
+    network, _, _ = folded_case(architecture)
+    blank = jax.tree.map(jnp.zeros_like, network)
+    again, expected = named_leaves(unfold(fold(network), blank)), named_leaves(network)
+    assert again.keys() == expected.keys()
+    for name, leaf in expected.items():
+        np.testing.assert_array_equal(again[name], leaf)
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+def test_action_values_are_those_of_the_network_in_columns(architecture: str) -> None:
+    network, position, goal = folded_case(architecture)
+    expected = jax.vmap(network, (1, 1), 1)(position, goal)
+    np.testing.assert_allclose(action_values(fold(network), position, goal, 0), expected, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("n_gradient", [0, 4, 11])
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+def test_the_backward_pass_written_by_hand_is_the_gradient(architecture: str, n_gradient: int) -> None:
+    network, position, goal = folded_case(architecture)
+    weight = jax.random.normal(jax.random.key(3), (4, 11))
+
+    def by_hand(folded: QNetwork) -> jax.Array:
+        return (weight * jnp.sin(action_values(folded, position, goal, n_gradient))).sum()
+
+    def derived(network: QNetwork) -> jax.Array:
+        q = jax.vmap(network, (1, 1), 1)(position[:, :n_gradient], goal[:, :n_gradient])
+        return (weight[:, :n_gradient] * jnp.sin(q)).sum()
+
+    found, expected = unfold(jax.grad(by_hand)(fold(network)), network), jax.grad(derived)(network)
+    for name, leaf in named_leaves(expected).items():
+        np.testing.assert_allclose(named_leaves(found)[name], leaf, atol=1e-5, err_msg=name)
+    assert (n_gradient > 0) == any(np.any(np.asarray(leaf)) for leaf in jax.tree.leaves(found))

@@ -1,8 +1,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
+from cellpilot.learn.adam import adam_step, init_adam
 from cellpilot.learn.exploration import NOISE, boltzmann_noise, epsilon_greedy_noise, linear_schedule
 from cellpilot.learn.losses import q_learning_target, squared_td_error
 
@@ -88,3 +90,18 @@ def test_no_gradient_flows_into_the_target() -> None:
         return squared_td_error(jnp.zeros((4, 2)), jnp.zeros(4, jnp.int32), target)
 
     assert float(jax.grad(through_the_target)(jnp.float32(1.0))) == 0.0
+
+
+def test_adam_takes_the_steps_of_its_published_form() -> None:
+    """Against optax, over steps of very different sizes, where the corrections of the start matter most."""
+    parameters = {"a": jnp.array([1.0, -2.0, 0.5]), "b": jnp.array([[3.0]])}
+    found, state, expected, adam = parameters, init_adam(parameters), parameters, optax.adam(1e-2)
+    moments = adam.init(parameters)
+    for i in range(6):
+        gradient = jax.tree.map(lambda p, i=i: jnp.sin(p * (i + 1)) * 10.0 ** (i - 3), expected)
+        found, state = adam_step(found, gradient, state, 1e-2)
+        changes, moments = adam.update(gradient, moments)
+        expected = optax.apply_updates(expected, changes)
+        for name in parameters:
+            np.testing.assert_allclose(found[name], expected[name], rtol=1e-5)
+    assert int(state.n_steps) == 6

@@ -365,6 +365,6 @@ def test_clipped_targets_stay_within_what_a_flight_can_return(arena: Arena, fill
     for value, bound in ((far, high), (-far, low)):
         found, free = (run(key, s, arena, TASK, promising(value)) for s in (clipped, settings))
         at_bound = run(key, clipped, arena, TASK, promising(4 * bound))
-        moments, wild, expected = (weights(s.optimizer[0].mu) for s in (found, free, at_bound))
+        moments, wild, expected = (weights(s.optimizer.mu) for s in (found, free, at_bound))
         np.testing.assert_allclose(moments, expected, rtol=1e-4, atol=1e-4)
         assert np.abs(wild).max() > 100 * np.abs(moments).max()

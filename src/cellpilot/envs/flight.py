@@ -65,6 +65,10 @@ def flight_return(flight: Flight, task: Task) -> Float[Array, ""]:
 
 def _deviation_db(key: Array, arena: Arena, cells: Int[Array, " steps"]) -> Float[Array, " steps"]:
     key_noise, key_map = jax.random.split(key)
-    noise = arena.noise_std_db * jax.random.normal(key_noise, cells.shape)
-    unknown = arena.sinr_std_db * jax.random.normal(key_map, arena.sinr_std_db.shape)
-    return noise + unknown[cells]
+    noise = _normal(key_noise, jnp.broadcast_to(arena.noise_std_db, cells.shape))
+    return noise + _normal(key_map, arena.sinr_std_db)[cells]
+
+
+def _normal(key: Array, std: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Draws with these standard deviations; nothing is drawn where there is no spread at all."""
+    return jax.lax.cond(std.any(), lambda: std * jax.random.normal(key, std.shape), lambda: jnp.zeros_like(std))

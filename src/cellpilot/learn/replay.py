@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from cellpilot.envs.arena import draw_integers
 from cellpilot.errors import InputError
 from cellpilot.task import Transition
 
@@ -57,5 +58,5 @@ def add(replay: Replay, block: Experience, n: Int[Array, ""]) -> Replay:
 
 def sample(key: Array, replay: Replay, shape: tuple[int, ...]) -> Experience:
     """Experiences drawn uniformly with replacement, fields `[*shape]`; the memory must not be empty."""
-    index = jax.random.randint(key, shape, 0, replay.size)
+    index = draw_integers(key, shape, replay.size)
     return jax.tree.map(lambda ring: ring[index], replay.experiences)

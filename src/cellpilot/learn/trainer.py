@@ -19,6 +19,7 @@ from cellpilot.errors import InputError
 from cellpilot.learn.algorithms.base import AlgorithmSettings
 from cellpilot.learn.algorithms.table import ALGORITHMS, TrainState
 from cellpilot.learn.checkpoint import load_state, save_state
+from cellpilot.learn.compile import compile_ahead
 from cellpilot.policies.learned import PolicyParameters
 from cellpilot.task import Task
 
@@ -98,8 +99,8 @@ def train(
         options = {"settings": settings, "task": task}
         fill = None
         if algorithm.fill_replay is not None and not resumed:
-            fill = algorithm.fill_replay.lower(state, arena, seed_array, **options).compile()
-        chunk = algorithm.train_chunk.lower(state, arena, seed_array, jnp.int32(0), length=length, **options).compile()
+            fill = compile_ahead(algorithm.fill_replay, state, arena, seed_array, **options)
+        chunk = compile_ahead(algorithm.train_chunk, state, arena, seed_array, jnp.int32(0), length=length, **options)
         compile_s = time.perf_counter() - started
         started = time.perf_counter()
         state = state if fill is None else fill(state, arena, seed_array)

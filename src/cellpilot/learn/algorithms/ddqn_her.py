@@ -8,17 +8,17 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optax
 from jaxtyping import Array, Float, Int
 
 from cellpilot.envs.arena import Arena, draw_start_and_goal
 from cellpilot.envs.flight import Flight, flight_return, fly
+from cellpilot.learn.adam import AdamState, adam_step, init_adam
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.learn.checkpoint import policy_parameters
 from cellpilot.learn.exploration import NOISE, linear_schedule
 from cellpilot.learn.hindsight import hindsight_goals
 from cellpilot.learn.losses import q_learning_target, squared_td_error
-from cellpilot.learn.networks import ARCHITECTURES, QNetwork
+from cellpilot.learn.networks import ARCHITECTURES, QNetwork, action_values, fold, unfold
 from cellpilot.learn.replay import Experience, Replay, add, init_replay, sample
 from cellpilot.policies.learned import PolicyParameters
 from cellpilot.task import Task
@@ -35,7 +35,7 @@ class LearnerState:
 
     online: QNetwork
     target: QNetwork
-    optimizer: optax.OptState
+    optimizer: AdamState
     replay: Replay
     episode: Int[Array, ""]
     env_steps: Int[Array, ""]
@@ -61,14 +61,15 @@ def empty_rows(length: int) -> EpisodeStatistics:
     return EpisodeStatistics(jnp.zeros(length), jnp.zeros(length, jnp.int32), jnp.zeros(length, bool))
 
 
-def initial_state(settings: DDQNHER, arena: Arena, seed: int) -> LearnerState:
+@partial(jax.jit, static_argnames="settings")
+def initial_state(settings: DDQNHER, arena: Arena, seed: Int[Array, ""] | int) -> LearnerState:
     """Fresh networks (target equal to online) and an empty replay memory."""
     key = jax.random.fold_in(jax.random.key(seed), 0)
     network = ARCHITECTURES[settings.architecture](arena.coordinates.shape[1], arena.next_cell.shape[1], settings.hidden, key)
     return LearnerState(
         online=network,
         target=jax.tree.map(jnp.copy, network),
-        optimizer=optax.adam(settings.learning_rate).init(network),
+        optimizer=init_adam(network),
         replay=init_replay(settings.replay_capacity),
         episode=jnp.int32(0),
         env_steps=jnp.int32(0),
@@ -98,7 +99,8 @@ def collect(
     if network is None:
         q_values = lambda cell: jnp.zeros(n_actions)
     elif n_cells <= MAX_TABLE_CELLS:
-        table = jax.vmap(network, (0, None))(arena.coordinates, arena.coordinates[goal])
+        cells = arena.coordinates.T
+        table = action_values(fold(network), cells, jnp.broadcast_to(cells[:, goal, None], cells.shape), 0).T
         q_values = lambda cell: table[cell]
     else:
         q_values = lambda cell: network(arena.coordinates[cell], arena.coordinates[goal])
@@ -108,29 +110,39 @@ def collect(
 def optimize(key: Array, settings: DDQNHER, arena: Arena, task: Task, state: LearnerState) -> LearnerState:
     """`updates_per_episode` steps of Adam on mini-batches from the replay memory, loss of equation 3.24.
 
-    The memory does not change between these steps, so all their mini-batches are drawn at once.
+    The memory does not change between these steps, so all their mini-batches are drawn at once, and the target network,
+    which does not change either, values them all in one pass.
     """
-    batches = sample(key, state.replay, (settings.updates_per_episode, settings.batch_size))
+    shape = (settings.updates_per_episode, settings.batch_size)
+    batches = sample(key, state.replay, shape)
     rewards, terminated = task.outcome(batches.transition, batches.goal)
-    at = lambda cell: arena.coordinates[cell]
-    inputs = (at(batches.transition.cell), at(batches.transition.next_cell), at(batches.goal))
-    q_target = jax.vmap(jax.vmap(state.target))(inputs[1], inputs[2])
-    adam = optax.adam(settings.learning_rate)
+    at = lambda cell: arena.coordinates.T[:, cell]  # [dimensions, updates, batch]
+    position, next_position, goal = at(batches.transition.cell), at(batches.transition.next_cell), at(batches.goal)
+    columns = lambda x: x.reshape(len(x), -1)
+    q_target = action_values(fold(state.target), columns(next_position), columns(goal), 0).reshape(-1, *shape)
+    both = (jnp.concatenate([position, next_position], -1), jnp.concatenate([goal, goal], -1))  # columns: s, then s'
 
-    def update(carry: tuple[QNetwork, optax.OptState], batch: tuple[Array, ...]) -> tuple[tuple[QNetwork, optax.OptState], None]:
-        online, optimizer = carry
-        position, next_position, goal, action, reward, terminated, q_next_target = batch
-        q_next_online = jax.vmap(online)(next_position, goal)
-        target = q_learning_target(reward, terminated, q_next_online, q_next_target, task.discount, settings.double)
-        if settings.clip_targets:
-            target = jnp.clip(target, *task.value_bounds)
-        loss = lambda network: squared_td_error(jax.vmap(network)(position, goal), action, target)
-        changes, optimizer = adam.update(jax.grad(loss)(online), optimizer)
-        return (optax.apply_updates(online, changes), optimizer), None
+    def update(carry: tuple[QNetwork, AdamState], batch: tuple[Array, ...]) -> tuple[tuple[QNetwork, AdamState], None]:
+        online, adam = carry
+        positions, goals, action, reward, terminated, q_next_target = batch
 
-    batch = (*inputs, batches.transition.action, rewards, terminated, q_target)
-    (online, optimizer), _ = jax.lax.scan(update, (state.online, state.optimizer), batch)
-    return eqx.tree_at(lambda s: (s.online, s.optimizer), state, (online, optimizer))
+        def loss(network: QNetwork) -> Array:
+            q, q_next_online = jnp.split(action_values(network, positions, goals, settings.batch_size).T, 2)
+            target = q_learning_target(reward, terminated, q_next_online, q_next_target.T, task.discount, settings.double)
+            if settings.clip_targets:
+                target = jnp.clip(target, *task.value_bounds)
+            return squared_td_error(q, action, target)
+
+        return adam_step(online, jax.grad(loss)(online), adam, settings.learning_rate), None
+
+    by_update = lambda x: jnp.moveaxis(x, 1, 0)
+    batch = (*map(by_update, both), batches.transition.action, rewards, terminated, by_update(q_target))
+    adam = state.optimizer
+    start = (fold(state.online), AdamState(fold(adam.mu), fold(adam.nu), adam.n_steps))
+    (online, adam), _ = jax.lax.scan(update, start, batch)
+    network = lambda folded: unfold(folded, state.online)
+    adam = AdamState(network(adam.mu), network(adam.nu), adam.n_steps)
+    return eqx.tree_at(lambda s: (s.online, s.optimizer), state, (network(online), adam))
 
 
 def run_episode(

@@ -1,0 +1,14 @@
+"""Compilation ahead of time, with the compiler's options for this kind of program."""
+
+from typing import Any
+
+import jax
+
+CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
+"""As wide as the processor has: loops between the products get 1 us of 15 faster; the default is 256. docs/speed.md"""
+
+
+def compile_ahead(function: Any, *arguments: Any, **settings: Any) -> Any:
+    """A jitted function compiled for these arguments; `settings` are its static arguments, bound by this call."""
+    options = CPU_OPTIONS if jax.default_backend() == "cpu" else None
+    return function.lower(*arguments, **settings).compile(compiler_options=options)
