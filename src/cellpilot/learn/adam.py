@@ -22,7 +22,7 @@ def init_adam(parameters: Any) -> AdamState:
     return AdamState(jax.tree.map(jnp.zeros_like, parameters), jax.tree.map(jnp.zeros_like, parameters), jnp.int32(0))
 
 
-def adam_step(parameters: Any, gradient: Any, state: AdamState, learning_rate: float) -> tuple[Any, AdamState]:
+def adam_step(parameters: Any, gradient: Any, state: AdamState, learning_rate: float | Array) -> tuple[Any, AdamState]:
     """Parameters and state after one step: the same step as Algorithm 1, its two corrections of the start merged."""
     n_steps = state.n_steps + 1
     mu = jax.tree.map(lambda m, g: BETA_1 * m + (1 - BETA_1) * g, state.mu, gradient)

@@ -3,7 +3,7 @@
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -20,6 +20,7 @@ from cellpilot.learn.algorithms.base import AlgorithmSettings
 from cellpilot.learn.algorithms.table import ALGORITHMS, TrainState
 from cellpilot.learn.checkpoint import load_state, save_state
 from cellpilot.learn.compile import compile_ahead
+from cellpilot.learn.seeds import compile_chunk
 from cellpilot.policies.learned import PolicyParameters
 from cellpilot.task import Task
 
@@ -78,56 +79,151 @@ def train(
     `fingerprint` names map, task and settings; a checkpoint with another one is refused. The result is a function of
     (settings, task, arena, seed) on one machine, however often training was cut.
     """
+    return train_many(
+        settings,
+        task,
+        arena,
+        (seed,),
+        checkpoints=(checkpoint,),
+        fingerprint=fingerprint,
+        progress=progress,
+        chunk_rounds=chunk_rounds,
+        checkpoint_every_s=checkpoint_every_s,
+        interrupted=interrupted,
+    )[0]
+
+
+def train_many(
+    settings: AlgorithmSettings,
+    task: Task,
+    arena: Arena,
+    seeds: Sequence[int],
+    *,
+    checkpoints: Sequence[Path | None] | None = None,
+    fingerprint: str = "",
+    progress: Callable[[TrainingProgress], None] = lambda progress: None,
+    chunk_rounds: int | None = None,
+    checkpoint_every_s: float = CHECKPOINT_EVERY_S,
+    interrupted: Callable[[], bool] = lambda: False,
+) -> list[TrainingResult]:
+    """`train` for several seeds in one compiled program, spread over all local devices; one result per seed.
+
+    A seed's result is that of `train` with that seed up to rounding, because products of stacked matrices round
+    differently. Training amplifies such differences, so over a long run the two part like two seeds do. Seeds whose
+    checkpoints are behind the others catch up first. `checkpoints` are one per seed.
+    """
     settings.check_fits(task)
     algorithm = ALGORITHMS[settings.algorithm]
     length = settings.chunk_rounds if chunk_rounds is None else chunk_rounds
-    state = algorithm.initial_state(settings, arena, seed)
-    history = _columns(algorithm.empty_rows(0), 0)
-    about: dict[str, object] = {"fingerprint": fingerprint, "seed": seed, "train_wall_s": 0.0}
-    resumed = checkpoint is not None and checkpoint.is_file()
-    if checkpoint is not None and resumed:
-        empty = history
-        state, history, about = load_state(checkpoint, state, {"fingerprint": fingerprint, "seed": seed})
-        if any(name not in history or history[name].shape != (int(state.rounds_done),) for name in empty):
-            raise InputError(f"{checkpoint}: the learning curve in it is damaged; delete it to train from the start")
-    wall_before_s = float(about["train_wall_s"])  # type: ignore[arg-type]
-    seed_array = jnp.int32(seed)
-    if int(state.rounds_done):
-        progress(_progress(settings, history, state, length))
-    with interruptible() as signalled:
-        started = time.perf_counter()
-        options = {"settings": settings, "task": task}
-        fill = None
-        if algorithm.fill_replay is not None and not resumed:
-            fill = compile_ahead(algorithm.fill_replay, state, arena, seed_array, **options)
-        chunk = compile_ahead(algorithm.train_chunk, state, arena, seed_array, jnp.int32(0), length=length, **options)
-        compile_s = time.perf_counter() - started
-        started = time.perf_counter()
-        state = state if fill is None else fill(state, arena, seed_array)
+    files = checkpoints or [None] * len(seeds)
+    runs = [_open(settings, arena, seed, file, fingerprint) for seed, file in zip(seeds, files, strict=True)]
+    clock = _Clock()
 
-        def save() -> None:
-            if checkpoint is not None:
-                about["train_wall_s"] = wall_before_s + time.perf_counter() - started
-                save_state(checkpoint, state, history, about)
+    def show(n: int) -> None:
+        progress(_progress(settings, runs, n))
 
-        saved = time.perf_counter()
-        while (done := int(state.rounds_done)) < settings.rounds and not (signalled.is_set() or interrupted()):
-            n = min(length, settings.rounds - done)
-            state, rows = chunk(state, arena, seed_array, jnp.int32(n))
-            history = _append(history, rows, n)
-            if not all(bool(jnp.isfinite(leaf).all()) for leaf in jax.tree.leaves(algorithm.learned(state))):
+    def advance(group: list[_Run], until: int, stop: Callable[[], bool]) -> None:
+        """Train runs that are equally far, until they are `until` far or `stop()`."""
+        with clock.compiling():
+            states, numbers = [run.state for run in group], [run.seed for run in group]
+            program = compile_chunk(settings, task, arena, states, numbers, length)
+        packed, saved = program.pack(states), time.perf_counter()
+        while (done := group[0].done) < until and not stop():
+            n = min(length, until - done)
+            with clock.training(group):
+                packed, rows = program.run(packed, n)
+                for run, row in zip(group, rows, strict=True):
+                    run.history = _append(run.history, row, n)
+            if not all(bool(jnp.isfinite(leaf).all()) for leaf in jax.tree.leaves(algorithm.learned(packed))):
                 raise InputError(f"training diverged after {done + n} {settings.counts}: lower learning_rate")
-            progress(_progress(settings, history, state, n))
-            if time.perf_counter() - saved > checkpoint_every_s:
-                save()
+            show(n)
+            if time.perf_counter() - saved > checkpoint_every_s * len(group):
+                for run, state in zip(group, program.unpack(packed), strict=True):
+                    run.save(state, fingerprint)
                 saved = time.perf_counter()
-        finished = int(state.rounds_done) >= settings.rounds
-        jax.block_until_ready(state)
-        wall_s = wall_before_s + time.perf_counter() - started
-        save()
-    flown = jnp.arange(int(state.rounds_done))
-    history = history | {"exploration": np.asarray(algorithm.exploration_at(settings, flown), np.float32)}
-    return TrainingResult(settings, state, history, finished, wall_s, compile_s)
+        for run, state in zip(group, program.unpack(packed), strict=True):
+            run.state = state
+
+    if any(run.done for run in runs):
+        show(length)
+    with interruptible() as signalled:
+        stop = lambda: signalled.is_set() or interrupted()
+        fresh = [run for run in runs if run.fresh]
+        if fresh and algorithm.fill_replay is not None:
+            with clock.compiling():
+                options = {"settings": settings, "task": task}
+                fill = compile_ahead(algorithm.fill_replay, fresh[0].state, arena, jnp.int32(0), **options)
+            with clock.training(fresh):
+                for run in fresh:
+                    run.state = jax.block_until_ready(fill(run.state, arena, jnp.int32(run.seed)))
+        while (behind := min(run.done for run in runs)) < settings.rounds:
+            until = min([run.done for run in runs if run.done > behind], default=settings.rounds)
+            group = [run for run in runs if run.done == behind]
+            advance(group, until, stop)
+            if group[0].done < until:
+                break
+        for run in runs:
+            run.save(run.state, fingerprint)
+    return [run.result(settings, clock.compile_s) for run in runs]
+
+
+@dataclass
+class _Run:
+    """The training of one seed so far."""
+
+    seed: int
+    state: Any
+    history: dict[str, np.ndarray]
+    checkpoint: Path | None
+    fresh: bool  # nothing was read from a checkpoint
+    train_wall_s: float
+
+    @property
+    def done(self) -> int:
+        return len(self.history["episode_return"])
+
+    def save(self, state: Any, fingerprint: str) -> None:
+        if self.checkpoint is not None:
+            about = {"fingerprint": fingerprint, "seed": self.seed, "train_wall_s": self.train_wall_s}
+            save_state(self.checkpoint, state, self.history, about)
+
+    def result(self, settings: AlgorithmSettings, compile_s: float) -> TrainingResult:
+        exploration = ALGORITHMS[settings.algorithm].exploration_at(settings, jnp.arange(self.done))
+        history = self.history | {"exploration": np.asarray(exploration, np.float32)}
+        return TrainingResult(settings, self.state, history, self.done >= settings.rounds, self.train_wall_s, compile_s)
+
+
+def _open(settings: AlgorithmSettings, arena: Arena, seed: int, checkpoint: Path | None, fingerprint: str) -> _Run:
+    """A new training, or the one in the checkpoint."""
+    algorithm = ALGORITHMS[settings.algorithm]
+    state = algorithm.initial_state(settings, arena, seed)
+    empty = _columns(algorithm.empty_rows(0), 0)
+    if checkpoint is None or not checkpoint.is_file():
+        return _Run(seed, state, empty, checkpoint, True, 0.0)
+    state, history, about = load_state(checkpoint, state, {"fingerprint": fingerprint, "seed": seed})
+    if any(name not in history or history[name].shape != (int(state.rounds_done),) for name in empty):
+        raise InputError(f"{checkpoint}: the learning curve in it is damaged; delete it to train from the start")
+    return _Run(seed, state, history, checkpoint, False, about["train_wall_s"])
+
+
+class _Clock:
+    """Seconds of compilation, and of training, which each run in a group is given in full."""
+
+    def __init__(self) -> None:
+        self.compile_s = 0.0
+
+    @contextmanager
+    def compiling(self) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self.compile_s += time.perf_counter() - started
+
+    @contextmanager
+    def training(self, runs: Sequence[_Run]) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        for run in runs:
+            run.train_wall_s += time.perf_counter() - started
 
 
 @contextmanager
@@ -164,11 +260,14 @@ def _append(history: dict[str, np.ndarray], rows: Any, n: int) -> dict[str, np.n
     return {name: np.concatenate([history[name], column]) for name, column in _columns(rows, n).items()}
 
 
-def _progress(settings: AlgorithmSettings, history: dict[str, np.ndarray], state: TrainState, n: int) -> TrainingProgress:
+def _progress(settings: AlgorithmSettings, runs: Sequence[_Run], n: int) -> TrainingProgress:
+    """Means over the runs, of the last `n` rounds of each."""
+    done = sum(run.done for run in runs) // len(runs)
+    last = lambda name: float(np.mean([run.history[name][-n:].mean() for run in runs if run.done]))
     return TrainingProgress(
-        done=int(state.rounds_done),
+        done=done,
         rounds=settings.rounds,
-        return_mean=float(history["episode_return"][-n:].mean()),
-        reached_share=float(history["reached"][-n:].mean()),
-        exploration=float(ALGORITHMS[settings.algorithm].exploration_at(settings, state.rounds_done)),
+        return_mean=last("episode_return"),
+        reached_share=last("reached"),
+        exploration=float(ALGORITHMS[settings.algorithm].exploration_at(settings, jnp.int32(done))),
     )

@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Float, Int
 
 from cellpilot.envs.arena import Arena, draw_start_and_goal
@@ -151,7 +152,9 @@ def run_episode(
     """The body of Algorithm 2: fly, store with hindsight, optimise, and now and then renew the target network."""
     key_flight, key_hindsight, key_batches = jax.random.split(jax.random.fold_in(key, state.episode), 3)
     exploration = exploration_at(settings, state.episode)
-    flight = collect(key_flight, settings, arena, task, state.online, exploration)
+    fly_once = lambda key, arena, network, exploration: collect(key, settings, arena, task, network, exploration)
+    # Seeds in one program: mapped over seeds a flight would last as long as the longest one, so they fly one by one.
+    flight = sequential_vmap(fly_once)(key_flight, arena, state.online, exploration)
     state = eqx.tree_at(lambda s: s.replay, state, populate_memory(key_hindsight, settings, state.replay, flight))
     state = optimize(key_batches, settings, arena, task, state)
     episode = state.episode + 1
