@@ -6,7 +6,7 @@
 import json
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,11 +74,7 @@ class Run:
 def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force: bool = False) -> Run:
     """Make the map and a new folder; `InputError` if it already holds a run (unless `force`) or other files."""
     folder = folder.resolve() if folder.is_symlink() else folder
-    occupied = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
-    replaceable = occupied and folder.is_dir() and all(_belongs_to_run(entry.name) for entry in folder.iterdir())
-    if occupied and not (force and replaceable):
-        hints = ["go on with --resume"] * _holds_run(folder) + ["replace it with --force"] * (replaceable and not force)
-        raise InputError(f"{folder} is not empty; {', or '.join([*hints, 'choose an empty folder'])}")
+    occupied = is_occupied(folder, force)
     radio_map = make_map(scenario.map)
     run = _assemble(folder, scenario, seed, radio_map)
     make_learner(scenario.learner).check_fits(run.task)
@@ -93,6 +89,16 @@ def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force:
     write_json(folder / "run.json", facts)
     write_atomically(folder / "scenario.toml", lambda path: path.write_text(dump_scenario(scenario)))
     return run
+
+
+def is_occupied(folder: Path, force: bool) -> bool:
+    """Whether a run in the folder has to go first; `InputError` if there is one (unless `force`) or other files."""
+    occupied = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+    replaceable = occupied and folder.is_dir() and all(_belongs_to_run(entry.name) for entry in folder.iterdir())
+    if occupied and not (force and replaceable):
+        hints = ["go on with --resume"] * _holds_run(folder) + ["replace it with --force"] * (replaceable and not force)
+        raise InputError(f"{folder} is not empty; {', or '.join([*hints, 'choose an empty folder'])}")
+    return occupied
 
 
 def open_or_create_run(folder: Path, scenario: Scenario, command: str, seed: int = 0) -> Run:
@@ -147,27 +153,51 @@ def open_run_or_shipped(name: str, command: str) -> Run:
 
 def train_run(run: Run, progress: "Callable[[TrainingProgress], None]" = lambda progress: None) -> "TrainingResult":
     """Train, going on from the folder's checkpoint if there is one; writes state, learning curve and policy."""
+    return train_runs([run], progress)[0]
+
+
+def train_runs(
+    runs: Sequence[Run], progress: "Callable[[TrainingProgress], None]" = lambda progress: None
+) -> "list[TrainingResult]":
+    """`train_run` for runs that differ in their seed alone, all in one compiled program; `InputError` if they differ in more."""
     from cellpilot.envs.arena import make_arena
-    from cellpilot.learn.trainer import train
+    from cellpilot.learn.trainer import train_many
+
+    first = runs[0]
+    mark = fingerprint(first.scenario, first.world)
+    for run in runs[1:]:
+        if fingerprint(run.scenario, run.world) != mark:
+            raise InputError(f"{run.folder} has another map, task or learner than {first.folder}; train it apart")
+    seeds = [run.seed for run in runs]
+    if len(set(seeds)) < len(seeds):
+        raise InputError(f"the runs have seeds {', '.join(map(str, seeds))}; expected a different one each")
+    results = train_many(
+        make_learner(first.scenario.learner),
+        first.task,
+        make_arena(first.world, first.scenario.task.start, first.scenario.task.goal),
+        seeds,
+        checkpoints=[run.folder / "state.safetensors" for run in runs],
+        fingerprint=mark,
+        progress=progress,
+    )
+    for run, result in zip(runs, results, strict=True):
+        if result.finished:
+            _save_training(run, result, mark)
+    return results
+
+
+def _save_training(run: Run, result: "TrainingResult", mark: str) -> None:
     from cellpilot.policies.learned import save_parameters
 
-    settings = make_learner(run.scenario.learner)
-    arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
-    mark = fingerprint(run.scenario, run.world)
-    checkpoint = run.folder / "state.safetensors"
-    result = train(settings, run.task, arena, run.seed, checkpoint=checkpoint, fingerprint=mark, progress=progress)
-    if not result.finished:
-        return result
     about = {"scenario": run.scenario.name, "seed": run.seed, "fingerprint": mark, "task": asdict(run.task)}
     save_parameters(result.policy_parameters(run.world.grid.sides, about), run.policy_file)
     _write_history(run, result)
     run.update_facts(
         train_wall_s=round(result.train_wall_s, 3),
         compile_s=round(result.compile_s, 3),
-        updates=settings.updates,
+        updates=result.settings.updates,
         env_steps=result.env_steps,
     )
-    return result
 
 
 def evaluate_run(
@@ -286,6 +316,10 @@ def _write_history(run: Run, result: "TrainingResult") -> None:
             for name, column in result.history.items()
         },
         coords={"episode": np.arange(settings.rounds)},
-        attrs={"exploration": run.scenario.learner.exploration, "counts": settings.counts, "seed": run.seed},
+        attrs={
+            "exploration": "boltzmann" if settings.explores_by == "temperature" else "epsilon-greedy",
+            "counts": settings.counts,
+            "seed": run.seed,
+        },
     )
     write_atomically(run.folder / "train.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))

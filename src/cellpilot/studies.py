@@ -1,9 +1,9 @@
 """Studies over many trainings or many rewards: the ablation of section 5.4 and the sensitivity of section 4.2.2."""
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +21,8 @@ from cellpilot.task import Task
 if TYPE_CHECKING:
     import xarray as xr
 
+    from cellpilot.envs.arena import Arena
+
 VARIANTS = {"DQN": (False, False), "DDQN": (True, False), "DQN+HER": (False, True), "DDQN+HER": (True, True)}
 """Figure 5.19: name -> (double, hindsight)."""
 
@@ -32,69 +34,24 @@ GOAL_REWARDS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 SENSITIVITY_METRICS = ("low_sinr_share", "path_ratio_mean", "path_ratio_p90", "reached_share")
 
 
-def ablation(run: Run, n_seeds: int, jobs: int, progress: Callable[[float], None] = lambda share: None) -> "xr.Dataset | None":
+def ablation(run: Run, n_seeds: int, progress: Callable[[float], None] = lambda share: None) -> "xr.Dataset | None":
     """Learning curves `episode_return (variant, seed, episode)` of the four variants, seeds 0..n-1, into `ablation.nc`.
 
-    `jobs` trainings run at a time. Finished ones are kept in the folder `ablation/`, unfinished ones as checkpoints, so
-    an interrupted study goes on where it stopped; None if it was interrupted.
+    All seeds of a variant are trained at once. Finished ones are kept in the folder `ablation/`, unfinished ones as
+    checkpoints, so an interrupted study goes on where it stopped; None if it was interrupted.
     """
     import xarray as xr
 
     from cellpilot.envs.arena import make_arena
-    from cellpilot.learn.trainer import TrainingResult, interruptible, train
 
     arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
-    folder = run.folder / "ablation"
-    tasks = [(name, seed) for seed in range(n_seeds) for name in VARIANTS]
-    done = dict.fromkeys(tasks, 0.0)
-    curves: dict[tuple[str, int], np.ndarray] = {}
-
-    def one(name: str, seed: int, stop: Callable[[], bool]) -> np.ndarray | None:
-        double, hindsight = VARIANTS[name]
-        learner = run.scenario.learner.model_copy(update={"double": double, "hindsight": hindsight})
-        mark = fingerprint(run.scenario.model_copy(update={"learner": learner}), run.world)
-        file = folder / f"{name}-{seed}-{mark}.npy"
-        if file.is_file():
-            try:
-                return np.asarray(np.load(file))
-            except (ValueError, OSError, EOFError) as error:
-                raise InputError(f"{file}: the learning curve is damaged ({error}); delete it to train it again") from error
-        result: TrainingResult = train(
-            make_learner(learner),
-            run.task,
-            arena,
-            seed,
-            checkpoint=folder / f"{name}-{seed}.safetensors",
-            fingerprint=mark,
-            progress=lambda p: done.__setitem__((name, seed), p.done / p.rounds),
-            interrupted=stop,
-        )
-        if not result.finished:
+    curves: list[np.ndarray] = []
+    for i, name in enumerate(VARIANTS):
+        of_variant = _variant_curves(run, arena, name, n_seeds, partial(_within, progress, i, len(VARIANTS)))
+        if of_variant is None:
             return None
-        curve = result.history["episode_return"]
-        write_atomically(file, lambda path: np.save(path, curve))
-        (folder / f"{name}-{seed}.safetensors").unlink()
-        return curve
-
-    with interruptible() as stop, ThreadPoolExecutor(jobs) as pool:
-        futures: dict[Future[np.ndarray | None], tuple[str, int]] = {pool.submit(one, *t, stop.is_set): t for t in tasks}
-        waiting = set(futures)
-        try:
-            while waiting:
-                finished, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    curve = future.result()
-                    if curve is not None:
-                        curves[futures[future]] = curve
-                        done[futures[future]] = 1.0
-                progress(sum(done.values()) / len(tasks))
-        except BaseException:
-            stop.set()  # the other trainings end at their next chunk, those in the queue never begin
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-        if stop.is_set() and len(curves) < len(tasks):
-            return None
-    values = np.stack([[curves[name, seed] for seed in range(n_seeds)] for name in VARIANTS]).astype(np.float32)
+        curves.append(of_variant)
+    values = np.stack(curves).astype(np.float32)
     dataset = xr.Dataset(
         {
             "episode_return": (
@@ -108,6 +65,47 @@ def ablation(run: Run, n_seeds: int, jobs: int, progress: Callable[[float], None
     )
     write_atomically(run.folder / "ablation.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))
     return dataset
+
+
+def _variant_curves(run: Run, arena: "Arena", name: str, n_seeds: int, progress: Callable[[float], None]) -> np.ndarray | None:
+    """Learning curves `[seeds, episodes]` of one variant, read or trained; None if training was interrupted."""
+    from cellpilot.learn.trainer import train_many
+
+    double, hindsight = VARIANTS[name]
+    learner = run.scenario.learner.model_copy(update={"double": double, "hindsight": hindsight})
+    mark = fingerprint(run.scenario.model_copy(update={"learner": learner}), run.world)
+    folder = run.folder / "ablation"
+    file = lambda seed: folder / f"{name}-{seed}-{mark}.npy"
+    checkpoint = lambda seed: folder / f"{name}-{seed}.safetensors"
+    if missing := [seed for seed in range(n_seeds) if not file(seed).is_file()]:
+        results = train_many(
+            make_learner(learner),
+            run.task,
+            arena,
+            missing,
+            checkpoints=[checkpoint(seed) for seed in missing],
+            fingerprint=mark,
+            progress=lambda p: progress(p.done / p.rounds),
+        )
+        if not all(result.finished for result in results):
+            return None
+        for result in results:
+            curve = result.history["episode_return"]
+            write_atomically(file(result.seed), partial(_save_curve, curve))
+            checkpoint(result.seed).unlink()
+    progress(1.0)
+    return np.stack([_load_curve(file(seed)) for seed in range(n_seeds)])
+
+
+def _save_curve(curve: np.ndarray, path: Path) -> None:
+    np.save(path, curve)
+
+
+def _load_curve(file: Path) -> np.ndarray:
+    try:
+        return np.asarray(np.load(file))
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"{file}: the learning curve is damaged ({error}); delete it to train it again") from error
 
 
 def early_return(dataset: "xr.Dataset") -> dict[str, tuple[float, float]]:

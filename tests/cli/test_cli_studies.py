@@ -16,7 +16,7 @@ def values(path: Path, name: str) -> np.ndarray:
 
 
 def test_the_ablation_goes_on_where_it_stopped(place: Path, cli: Cli) -> None:
-    call = ("ablation", "tiny.toml", "--seeds", "2", "--jobs", "2", *FEW, "--out", "study")
+    call = ("ablation", "tiny.toml", "--seeds", "2", *FEW, "--out", "study")
     result = cli(*call)
     assert result.code == 0, result.err
     for variant in ("DQN", "DDQN", "DQN+HER", "DDQN+HER"):

@@ -1,6 +1,5 @@
 """`cellpilot ablation SCENARIO`: the learner with and without double Q and hindsight (Figure 5.19)."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,6 +7,7 @@ from pydantic import Field
 from rich.table import Table
 
 from cellpilot.cli.console import err, out, share_bar
+from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse_scenario
 from cellpilot.runs import open_or_create_run
 from cellpilot.studies import EARLY_EPISODES, ablation, early_return
@@ -17,16 +17,16 @@ class AblationOptions(ScenarioOptions):
     """Options of `ablation`."""
 
     seeds: int = Field(5, ge=1, description="seeds 0..N-1 of each variant (section 5.4: 5)")
-    jobs: int = Field(os.cpu_count() or 1, ge=1, description="trainings at a time")
     out: Path | None = Field(None, description="run folder; default runs/NAME-ablation; called again, it goes on", strict=False)
 
 
 def main(arguments: Sequence[str]) -> int:
     """Verb `ablation`."""
     options, scenario = parse_scenario(AblationOptions, arguments, "ablation", "Four variants of the learner over seeds.")
+    use_all_cores(options.seeds)
     run = open_or_create_run(options.out or Path("runs") / f"{scenario.name}-ablation", scenario, command_line())
     with share_bar("ablation") as progress:
-        dataset = ablation(run, options.seeds, options.jobs, progress)
+        dataset = ablation(run, options.seeds, progress)
     if dataset is None:
         err.print("stopped; call the same command again to go on")
         return 130

@@ -2,15 +2,22 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import mean, stdev
+from typing import TYPE_CHECKING
 
 from pydantic import Field
+from rich.table import Table
 
 from cellpilot.cli.console import err, out, share_bar, training_bar, warn
+from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse, parse_scenario
 from cellpilot.errors import InputError
 from cellpilot.experiment import divergence_warning, make_learner, threshold_warning
-from cellpilot.runs import Run, create_run, evaluate_run, open_run, payload, save_evaluation, train_run
-from cellpilot.scenario import EvaluationSettings, Settings
+from cellpilot.runs import Run, create_run, evaluate_run, is_occupied, open_run, payload, save_evaluation, train_runs
+from cellpilot.scenario import EvaluationSettings, Paths, Settings
+
+if TYPE_CHECKING:
+    from cellpilot.learn.trainer import TrainingResult
 
 
 class RunOptions(ScenarioOptions):
@@ -18,6 +25,7 @@ class RunOptions(ScenarioOptions):
 
     out: Path | None = Field(None, description="run folder; default runs/NAME-seedSEED", strict=False)
     seed: int = Field(0, ge=0, lt=2**31, description="seed of the learner (the map's is --map.shadowing-seed)")
+    seeds: int = Field(1, ge=1, le=1000, description="train seeds SEED to SEED+N-1 at once, each in a folder OUT-seedK")
     force: bool = Field(False, description="replace a run that is already in the folder")
     evaluation: EvaluationSettings = EvaluationSettings()
 
@@ -25,52 +33,113 @@ class RunOptions(ScenarioOptions):
 class ResumeOptions(Settings):
     """Options of `run --resume` and `train --resume`."""
 
-    resume: Path = Field(description="run folder to go on with; its own settings and seed hold", strict=False)
+    resume: Paths = Field(description="run folders to go on with, all seeds at once; their own settings and seeds hold")
 
 
 def main(arguments: Sequence[str]) -> int:
     """Verb `run`."""
-    run = prepare(arguments, "run", "Make the map, train, evaluate and write the report.")
-    if not train_with_bar(run):
+    runs = prepare(arguments, "run", "Make the map, train, evaluate and write the report.")
+    if train_with_bar(runs) is None:
         return 130
     from cellpilot.report import write_report
     from cellpilot.report.tables import text_table
 
-    with share_bar("evaluate") as progress:
-        evaluation = evaluate_run(run, progress=progress)
-    save_evaluation(run, evaluation)
-    report = write_report(run.folder)
-    out.print(text_table(payload(run, evaluation)))
-    out.print(f"report: {report}")
+    figures: list[dict[str, dict[str, float | None]]] = []
+    for run in runs:
+        with share_bar("evaluate") as progress:
+            evaluation = evaluate_run(run, progress=progress)
+        save_evaluation(run, evaluation)
+        report = write_report(run.folder)
+        figures.append(payload(run, evaluation)["policies"])
+        if len(runs) == 1:
+            out.print(text_table(payload(run, evaluation)))
+        out.print(f"report: {report}")
+    if len(runs) > 1:
+        out.print(policies_over_seeds(figures))
     return 0
 
 
-def prepare(arguments: Sequence[str], verb: str, description: str) -> Run:
-    """The run to train: a new folder, or the one named by `--resume`."""
+def prepare(arguments: Sequence[str], verb: str, description: str) -> list[Run]:
+    """The runs to train, one per seed: new folders, or those named by `--resume`."""
     if any(argument.startswith("--resume") for argument in arguments):
-        resume = parse(ResumeOptions, arguments, f"cellpilot {verb}", description)
-        return open_run(resume.resume)
-    description += f" To go on with an interrupted run: cellpilot {verb} --resume RUN."
+        folders = parse(ResumeOptions, arguments, f"cellpilot {verb}", description).resume
+        if not folders:
+            raise InputError("--resume: expected the folder of a run, found none")
+        use_all_cores(len(folders))
+        return [open_run(folder) for folder in folders]
+    description += f" To go on with an interrupted run: cellpilot {verb} --resume RUN ..."
     options, scenario = parse_scenario(RunOptions, arguments, verb, description)
-    folder = options.out or Path("runs") / f"{scenario.name}-seed{options.seed}"
-    run = create_run(folder, scenario, options.seed, command_line(), options.force)
-    warn(threshold_warning(run.world, run.task.threshold_db))
-    return run
+    seeds = range(options.seed, options.seed + options.seeds)
+    if seeds[-1] >= 2**31:
+        raise InputError(f"--seed {options.seed} --seeds {options.seeds}: the last seed has to be below {2**31}")
+    use_all_cores(options.seeds)
+    base = options.out or Path("runs") / scenario.name
+    alone = options.out is not None and options.seeds == 1
+    new = [base if alone else base.with_name(f"{base.name}-seed{seed}") for seed in seeds]
+    for folder in new[1:]:
+        is_occupied(folder, options.force)
+    runs = [create_run(new[i], scenario, seed, command_line(), options.force) for i, seed in enumerate(seeds)]
+    warn(threshold_warning(runs[0].world, runs[0].task.threshold_db))
+    return runs
 
 
-def train_with_bar(run: Run) -> bool:
-    """Train and say how it went; False if it was interrupted."""
+def train_with_bar(runs: Sequence[Run]) -> "list[TrainingResult] | None":
+    """Train and say how it went; None if it was interrupted."""
+    learner = make_learner(runs[0].scenario.learner)
     try:
-        learner = make_learner(run.scenario.learner)
         with training_bar(learner.rounds, learner.counts, learner.explores_by) as progress:
-            result = train_run(run, progress)
+            results = train_runs(runs, progress)
     except ImportError as error:
         raise InputError(f"training needs JAX, which cannot be imported ({error}); see cellpilot doctor") from error
-    if not result.finished:
-        err.print(f"stopped after {len(result.history['reached'])} {learner.counts}; go on with --resume {run.folder}")
-        return False
-    parameters = run.parameters()
-    assert parameters is not None
-    warn(divergence_warning(parameters, run.world, run.task))
-    err.print(f"trained in {result.train_wall_s:.0f} s (compilation {result.compile_s:.0f} s): {run.policy_file}")
-    return True
+    if not all(result.finished for result in results):
+        n_rounds = min(len(result.history["reached"]) for result in results)
+        folders = " ".join(str(run.folder) for run in runs)
+        err.print(f"stopped after {n_rounds} {learner.counts}; go on with --resume {folders}")
+        return None
+    for run, result in zip(runs, results, strict=True):
+        parameters = run.parameters()
+        assert parameters is not None
+        warn(divergence_warning(parameters, run.world, run.task))
+        together = f", {len(runs)} seeds together" if len(runs) > 1 else ""
+        seconds = f"{result.train_wall_s:.0f} s (compilation {result.compile_s:.0f} s{together})"
+        err.print(f"trained in {seconds}: {run.policy_file}")
+    return results
+
+
+def policies_over_seeds(figures: Sequence[dict[str, dict[str, float | None]]]) -> Table:
+    """Mean and standard deviation over the seeds of each policy's main figures."""
+    columns = {"reached_share": 100, "low_sinr_share": 100, "path_ratio_p90": 1, "return_mean": 1, "score": 1}
+    headings = ("reached [%]", "low SINR [%]", "path ratio p90", "return", "score")
+    table = seeds_table(len(figures), "policy", headings)
+    for policy in figures[0]:
+        rows = [figure[policy] for figure in figures]
+        table.add_row(policy, *(mean_and_spread([row[name] for row in rows], scale) for name, scale in columns.items()))
+    return table
+
+
+def training_over_seeds(results: "Sequence[TrainingResult]") -> Table:
+    """Return and share that reached over the last tenth of training: each seed, then mean and standard deviation."""
+    table = seeds_table(len(results), "seed", ("return", "reached [%]"))
+    last = max(1, results[0].settings.rounds // 10)
+    figures = [[float(result.history[name][-last:].mean()) for name in ("episode_return", "reached")] for result in results]
+    for seed, (mean_return, reached) in zip((result.seed for result in results), figures, strict=True):
+        table.add_row(str(seed), f"{mean_return:.3f}", f"{100 * reached:.3f}")
+    returns, reached_shares = zip(*figures, strict=True)
+    table.add_row("mean ± sd", mean_and_spread(returns, 1), mean_and_spread(reached_shares, 100))
+    return table
+
+
+def seeds_table(n_seeds: int, first: str, columns: Sequence[str]) -> Table:
+    """An empty table with its title and columns."""
+    table = Table(title=f"mean ± standard deviation over {n_seeds} seeds")
+    for column in (first, *columns):
+        table.add_column(column, justify="left" if column == first else "right")
+    return table
+
+
+def mean_and_spread(values: Sequence[float | None], scale: float) -> str:
+    """Text of mean and standard deviation; a dash if a value is missing."""
+    known = [scale * value for value in values if value is not None]
+    if len(known) < len(values):
+        return "-"
+    return f"{mean(known):.3f} ± {stdev(known) if len(known) > 1 else 0.0:.3f}"

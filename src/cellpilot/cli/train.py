@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 
-from cellpilot.cli.run import prepare, train_with_bar
+from cellpilot.cli.console import out
+from cellpilot.cli.run import prepare, train_with_bar, training_over_seeds
 
 
 def main(arguments: Sequence[str]) -> int:
     """Verb `train`."""
-    run = prepare(arguments, "train", "Make the map and train.")
-    return 0 if train_with_bar(run) else 130
+    results = train_with_bar(prepare(arguments, "train", "Make the map and train."))
+    if results is not None and len(results) > 1:
+        out.print(training_over_seeds(results))
+    return 130 if results is None else 0

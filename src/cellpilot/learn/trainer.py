@@ -43,6 +43,7 @@ class TrainingResult:
     """A finished or interrupted training."""
 
     settings: AlgorithmSettings
+    seed: int
     state: TrainState
     history: dict[str, np.ndarray]  # episode_return, n_steps, reached, exploration `[rounds]`
     finished: bool
@@ -190,7 +191,8 @@ class _Run:
     def result(self, settings: AlgorithmSettings, compile_s: float) -> TrainingResult:
         exploration = ALGORITHMS[settings.algorithm].exploration_at(settings, jnp.arange(self.done))
         history = self.history | {"exploration": np.asarray(exploration, np.float32)}
-        return TrainingResult(settings, self.state, history, self.done >= settings.rounds, self.train_wall_s, compile_s)
+        finished = self.done >= settings.rounds
+        return TrainingResult(settings, self.seed, self.state, history, finished, self.train_wall_s, compile_s)
 
 
 def _open(settings: AlgorithmSettings, arena: Arena, seed: int, checkpoint: Path | None, fingerprint: str) -> _Run:
