@@ -111,8 +111,12 @@ class _Leg(NamedTuple):
 
     def then(self, other: "_Leg") -> "_Leg":
         """This leg followed by another one."""
-        summed = (mine + theirs.take(self.end) for mine, theirs in zip(self[1:], other[1:], strict=True))
-        return _Leg(other.end.take(self.end), *summed)
+        return _Leg(
+            other.end.take(self.end),
+            self.reward + other.reward.take(self.end),
+            self.steps + other.steps.take(self.end),
+            self.low + other.low.take(self.end),
+        )
 
 
 def fly_all(world: World, task: Task, actions: NDArray[np.integer], goals: IntArray) -> PairFigures:
