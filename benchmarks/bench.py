@@ -8,6 +8,7 @@ import importlib.util
 import json
 import os
 import platform
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -60,7 +61,7 @@ def main() -> int:
     repeats = []
     for seed in range(arguments.repeats):
         console.print(f"repeat {seed + 1} of {arguments.repeats}: {arguments.episodes:,} episodes, the others in between ...")
-        repeats.append(measure_once(measurements, seed, arguments.episodes, flop))
+        repeats.append(measure_once(measurements, seed, arguments.episodes, flop) | many_seeds(seed, arguments.episodes))
         loads.append(os.getloadavg()[0])
         total_s, peer_s = repeats[-1]["ours_total_s"], repeats[-1]["sb3_total_s"]
         console.print(f"  cellpilot {total_s:.1f} s, SB3 {peer_s / 60:.1f} min, ratio {peer_s / total_s:.1f}")
@@ -162,6 +163,14 @@ def measure_once(measurements: dict[str, Measurement], seed: int, episodes: int,
     for name in ("", "_large"):
         found[f"sb3_total{name}_s"] = case.updates * found[f"sb3_update{name}_s"] + env_steps * found["sb3_step_s"]
     return found
+
+
+def many_seeds(seed: int, episodes: int) -> dict[str, float]:
+    """Seconds of one and of five trainings at once, in a process of its own with a device per core."""
+    command = [sys.executable, str(Path(__file__).with_name("many_seeds.py")), "--seed", str(seed), "--episodes", str(episodes)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout.splitlines()[-1])
+    return {name: found[name] for name in ("one_seed_s", "five_seeds_s")}
 
 
 def _arguments() -> argparse.Namespace:

@@ -16,6 +16,8 @@ QUANTITIES: dict[str, tuple[str, str]] = {
     "ours_env_steps": ("cellpilot: environment steps flown", "count"),
     "sb3_total_s": ("SB3: whole training from its two rates, same flights in memory", "min"),
     "sb3_total_large_s": ("SB3: the same, 500,000 flown steps in memory", "min"),
+    "one_seed_s": ("cellpilot: one seed, in the process of the next line", "s"),
+    "five_seeds_s": ("cellpilot: five seeds at once, a device per core", "s"),
     "ours_update_s": ("cellpilot: one update, compiled", "us"),
     "torch_update_s": ("PyTorch, eager and minimal: one update", "us"),
     "sb3_update_s": ("SB3: one gradient step, same flights in memory", "us"),
@@ -31,6 +33,7 @@ RATIOS: dict[str, tuple[str, str, str]] = {
     "training_sb3_large_over_ours": ("whole training: SB3, 500,000 steps / cellpilot", "sb3_total_large_s", "ours_total_s"),
     "update_sb3_over_ours": ("one update: SB3 / cellpilot", "sb3_update_s", "ours_update_s"),
     "update_torch_over_ours": ("one update: eager PyTorch / cellpilot", "torch_update_s", "ours_update_s"),
+    "five_over_one": ("whole training: five seeds at once / one seed", "five_seeds_s", "one_seed_s"),
     "update_ours_over_bound": ("one update: cellpilot / arithmetic bound", "ours_update_s", "bound_update_s"),
 }
 """Title, numerator and denominator of the ratios, each taken within one repeat."""
@@ -65,6 +68,8 @@ def rows(results: Results) -> list[tuple[str, str, str, str]]:
     lines = []
     for name, (title, unit) in units.items():
         low, middle, high = (_number(results["summary"][name][key] * SCALE[unit]) for key in ("min", "median", "max"))
+        if results["extrapolated"] and name in ("one_seed_s", "five_seeds_s"):
+            title += f" (the first {results['episodes']:,} episodes)"
         if results["extrapolated"] and name in ("ours_total_s", "ours_env_steps", "sb3_total_s", "sb3_total_large_s"):
             title += " (EXTRAPOLATED)"
         lines.append((title, middle, f"{low} - {high}", "" if unit == "count" else unit))

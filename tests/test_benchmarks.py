@@ -75,3 +75,26 @@ def test_goal_flight_agrees_with_world_and_task():
     facts = Transition(entered, None, entered, world.sinr_db[entered], np.zeros(500, bool))
     rewards = env.compute_reward(env.coordinates[entered], env.coordinates[goals], [{}] * 500)
     np.testing.assert_allclose(rewards, task.outcome(facts, goals)[0])
+
+
+def test_scaling_keeps_the_map_and_scores_what_was_trained():
+    from argparse import Namespace
+
+    import scaling
+
+    learner = scaling.Learner("quick", 2)
+    small, large = (scaling.make_case(learner, side) for side in (10, 20))
+    assert large.world.grid.sides[:2] == (20, 20)
+    coarse = np.asarray(large.world.sinr_db).reshape(10, 2, 10, 2).mean((1, 3)).ravel()
+    np.testing.assert_allclose(coarse, small.world.sinr_db, atol=0.01)  # the same points, averaged over other cells
+    budget = Namespace(time_budget=0.0, quality_budget=0.0)
+    point = scaling.quality_point(learner, 10, 1, budget)
+    assert point["share_trained"] == 0
+    assert point["goals"] == 100
+    assert point["reached_share"] < 0.5  # an untrained network leads nowhere
+    point = scaling.time_point(learner, 10, 2, Namespace(time_budget=30.0, quality_budget=0.0))
+    assert point["rounds_timed"] == scaling.CHUNKS * 2
+    assert point["whole_s"] > point["compile_s"]
+    name = {"kind": "time", "learner": "ddqn-her", "side": 10, "seeds": 2}
+    assert "| ddqn-her | 10 | 100 | 2 |" in scaling.time_row(name | point)
+    assert "too long" in scaling.time_row(name | {"failed": "too long"})

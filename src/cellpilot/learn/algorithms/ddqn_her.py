@@ -24,7 +24,7 @@ from cellpilot.learn.replay import Experience, Replay, add, init_replay, sample
 from cellpilot.policies.learned import PolicyParameters
 from cellpilot.task import Task
 
-MAX_TABLE_CELLS = 4096
+MAX_TABLE_CELLS = 8192
 """Up to this many cells, the values of all cells for the goal are computed once per flight (the parameters do not
 change during it), and each step looks up its row; beyond, each step evaluates the network."""
 
