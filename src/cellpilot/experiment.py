@@ -1,6 +1,6 @@
 """From a scenario to map, world, task, learner settings and policies: the one place where they are put together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,9 +10,20 @@ from cellpilot.errors import InputError
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.base import AlgorithmSettings
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
 from cellpilot.provenance import digest
-from cellpilot.scenario import LearnerSettings, MapFile, MapSettings, MeasuredMap, RewardSettings, Scenario, SimulatedMap
+from cellpilot.scenario import (
+    AnyLearnerSettings,
+    LearnerSettings,
+    MapFile,
+    MapSettings,
+    MeasuredMap,
+    PairLearnerSettings,
+    RewardSettings,
+    Scenario,
+    SimulatedMap,
+)
 from cellpilot.task import Task, default_max_steps
 from cellpilot.world import World
 
@@ -91,9 +102,11 @@ def make_task(settings: RewardSettings, grid: Grid) -> Task:
     )
 
 
-def make_learner(settings: LearnerSettings) -> AlgorithmSettings:
+def make_learner(settings: AnyLearnerSettings) -> AlgorithmSettings:
     """Settings of the scenario's algorithm as compiled code needs them."""
-    return LEARNERS[settings.algorithm](settings)
+    if isinstance(settings, PairLearnerSettings):
+        return FQIHER(**settings.model_dump(exclude={"algorithm"}))
+    return _ddqn_her(settings)
 
 
 def _ddqn_her(settings: LearnerSettings) -> DDQNHER:
@@ -116,9 +129,6 @@ def _ddqn_her(settings: LearnerSettings) -> DDQNHER:
         architecture=settings.architecture,
         hidden=(settings.hidden_units,) * settings.hidden_layers,
     )
-
-
-LEARNERS: dict[str, Callable[[LearnerSettings], AlgorithmSettings]] = {"ddqn-her": _ddqn_her}
 
 
 def make_policies(world: World, task: Task, temperature: float, parameters: PolicyParameters | None) -> Sequence[Policy]:

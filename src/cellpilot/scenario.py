@@ -138,6 +138,49 @@ class LearnerSettings(Settings):
         return self
 
 
+class PairLearnerSettings(Settings):
+    """The near-exact learner FQI-HER: fitted Q-iteration over pairs of cells (docs/learning.md)."""
+
+    algorithm: Literal["fqi-her"] = Field("fqi-her", description="learning algorithm")
+    rounds: Count = Field(300, description="rounds; in each all flights fly some steps, then the network is fitted")
+    flights: Count = Field(64, description="flights in the air at a time")
+    steps_per_round: Count = Field(15, description="steps of each flight in a round")
+    updates_per_round: Count = Field(20, description="optimization steps in a round")
+    batch_size: Count = Field(2048, description="pairs of cell and goal in a mini-batch")
+    goals_per_round: Count = Field(64, description="hindsight goals whose targets are computed in a round")
+    sweeps: Count = Field(8, description="known moves with the learned penalty before the network takes over in a target")
+    penalty_model: bool = Field(True, description="learn the chance of low signal per cell; off = model-free")
+    look_ahead: Count = Field(1, description="moves the policy looks ahead through the penalty model before its network")
+    prioritised: float = Field(0.4, ge=0, le=1, description="share of a mini-batch drawn in proportion to its error")
+    near: float = Field(0.3, ge=0, le=1, description="share of a mini-batch drawn from cells near the goal")
+    near_steps: Count = Field(8, description="how near [moves]")
+    networks: Count = Field(1, le=8, description="networks of which the least value counts (2 = clipped double Q)")
+    hidden_units: Count = Field(64, description="units of the hidden layers")
+    learning_rate: Positive = Field(1e-2, description="learning rate of Adam in the first round")
+    final_learning_rate: Positive = Field(1e-4, description="learning rate of Adam in the last round, by half a cosine")
+    averaging: float = Field(0.02, gt=0, le=1, description="share of the new weights in the averaged network at each update")
+    initial_exploration: NonNegative = Field(1.0, description="initial temperature")
+    final_exploration: NonNegative = Field(0.1, description="final temperature")
+    exploration_fraction: float = Field(0.5, gt=0, le=1, description="share of rounds of the descent")
+    stored_per_cell: Count = Field(32, description="measurements of each cell kept for replay (model-free)")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "PairLearnerSettings":
+        if self.prioritised + self.near > 1:
+            raise ValueError(f"prioritised {self.prioritised:g} and near {self.near:g} add up to more than 1; lower one")
+        if not self.penalty_model and self.look_ahead > 1:
+            raise ValueError("look_ahead above 1 needs the penalty_model: without it no move can be looked through")
+        return self
+
+
+AnyLearnerSettings = LearnerSettings | PairLearnerSettings
+LEARNERS: dict[str, type[LearnerSettings] | type[PairLearnerSettings]] = {
+    "ddqn-her": LearnerSettings,
+    "fqi-her": PairLearnerSettings,
+}
+"""Settings by the name of the algorithm."""
+
+
 class EvaluationSettings(Settings):
     """How policies are compared (section 4.4)."""
 
@@ -156,7 +199,7 @@ class Scenario(Settings):
     name: str = Field("scenario", description="name in tables and files")
     map: MapSettings = Field(SimulatedMap(), discriminator="kind")
     task: TaskSettings = TaskSettings()
-    learner: LearnerSettings = LearnerSettings()
+    learner: AnyLearnerSettings = Field(LearnerSettings(), discriminator="algorithm")
     evaluation: EvaluationSettings = EvaluationSettings()
 
 
@@ -191,6 +234,8 @@ def load_scenario(path: Path) -> Scenario:
     data.setdefault("name", path.stem)
     if isinstance(data.get("map"), dict):
         data["map"].setdefault("kind", "simulated")
+    if isinstance(data.get("learner"), dict):
+        data["learner"].setdefault("algorithm", "ddqn-her")
     return validated(Scenario, data, str(path), text)
 
 
@@ -205,7 +250,7 @@ def validated(model: type[Scenario], data: dict[str, Any], where: str, text: str
 def describe(error: ValidationError, where: str, text: str = "") -> str:
     """One line for the first problem of a pydantic error: file and line, field, what was found, what was expected."""
     first = error.errors(include_url=False)[0]
-    keys = [str(key) for key in first["loc"] if str(key) not in ("simulated", "measured", "file")]
+    keys = [str(key) for key in first["loc"] if str(key) not in ("simulated", "measured", "file", *LEARNERS)]
     line = _line_of(keys, text)
     place = f"{where}:{line}" if line else where
     field = ".".join(keys) or "settings"

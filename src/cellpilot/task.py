@@ -5,10 +5,9 @@
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
@@ -23,6 +22,18 @@ class Transition(NamedTuple):
     next_cell: Any  # int, after the step
     sinr_db: Any  # float, as measured in `next_cell`, noise included
     blocked: Any  # bool, a blocked cell stopped the move
+
+
+class Moves(Protocol):
+    """Where actions lead, `[cells, actions]`: what a `World` and an `Arena` have in common."""
+
+    @property
+    def next_cell(self) -> Any:
+        """Cell after each action."""
+
+    @property
+    def stopped(self) -> Any:
+        """Whether a blocked cell stops the action."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +72,16 @@ class Task:
         return reward, terminated
 
     def expected_outcome(
-        self, world: World, cell: Any, action: Any, goal: Any, low_probability: NDArray[np.float64] | None = None
+        self, world: "World | Moves", cell: Any, action: Any, goal: Any, low_probability: Any = None
     ) -> tuple[Any, Any]:
-        """`outcome` in expectation over noise and map uncertainty, from the world instead of a measurement."""
-        low = world.low_probability(self.threshold_db) if low_probability is None else low_probability
+        """`outcome` in expectation over noise and map uncertainty, from the world instead of a measurement.
+
+        Where `low_probability [cells]` is given, nothing but the moves is read of the world.
+        """
+        if low_probability is None:
+            assert isinstance(world, World)
+            low_probability = world.low_probability(self.threshold_db)
+        low = low_probability
         next_cell = world.next_cell[cell, action]
         terminated = next_cell == goal
         reward = (

@@ -14,7 +14,9 @@ from pydantic import BaseModel, Field, ValidationError
 
 from cellpilot.errors import InputError
 from cellpilot.scenario import (
+    LEARNERS,
     SHIPPED,
+    AnyLearnerSettings,
     LearnerSettings,
     MapSettings,
     Scenario,
@@ -36,7 +38,7 @@ class ScenarioOptions(Settings):
     scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
     map: MapSettings = SimulatedMap()
     task: TaskSettings = TaskSettings()
-    learner: LearnerSettings = LearnerSettings()
+    learner: AnyLearnerSettings = LearnerSettings()
 
 
 InScenario = TypeVar("InScenario", bound=ScenarioOptions)
@@ -46,10 +48,24 @@ def parse_scenario(kind: type[InScenario], arguments: Sequence[str], verb: str, 
     """Options of a command on a scenario, and the scenario with the flags applied."""
     found = scenario_argument(arguments)
     name, scenario = found if found else ("thesis-2d", Scenario(name="thesis-2d"))
+    if (algorithm := _asked_algorithm(arguments)) not in (None, scenario.learner.algorithm):
+        scenario = scenario.model_copy(update={"learner": LEARNERS[algorithm]()})
     sections = [section for section in ("map", "task", "learner", "evaluation") if section in kind.model_fields]
     default = kind(scenario=name, **{section: getattr(scenario, section) for section in sections})
     options = parse(kind, arguments, f"cellpilot {verb}", description, default)
     return options, scenario.model_copy(update={section: getattr(options, section) for section in sections})
+
+
+def _asked_algorithm(arguments: Sequence[str]) -> str | None:
+    """The value of `--learner.algorithm`, which decides what other flags of the learner there are; None if not given."""
+    for flag, value in zip(arguments, [*arguments[1:], ""], strict=True):
+        name, _, joined = flag.partition("=")
+        if name == "--learner.algorithm":
+            found = joined or value
+            if found not in LEARNERS:
+                raise InputError(f"--learner.algorithm is {found!r}; expected one of {', '.join(LEARNERS)}")
+            return found
+    return None
 
 
 def parse(kind: type[Options], arguments: Sequence[str], prog: str, description: str, default: Options | None = None) -> Options:

@@ -1,6 +1,6 @@
 """`Arena`: what compiled code needs of a `World`, and the draw of a start and a goal."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +29,14 @@ class Arena:
     start_count: Int[Array, " parts"]
     goal_offset: Int[Array, " parts"]
     goal_count: Int[Array, " parts"]
+    part: Int[Array, " cells"]  # connected part of each cell, -1 in blocked cells
+    may_be_goal: Bool[Array, " cells"]
+    sides: Position = field(metadata={"static": True})
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells in all."""
+        return self.next_cell.shape[-2]
 
 
 def make_arena(world: World, start: Position | None = None, goal: Position | None = None) -> Arena:
@@ -58,6 +66,9 @@ def make_arena(world: World, start: Position | None = None, goal: Position | Non
         start_count=jnp.asarray(start_count),
         goal_offset=jnp.asarray(goal_offset),
         goal_count=jnp.asarray(goal_count),
+        part=jnp.asarray(world.part),
+        may_be_goal=jnp.asarray(np.isin(np.arange(grid.n_cells), goals)),
+        sides=grid.sides,
     )
 
 

@@ -14,7 +14,7 @@ def linear_schedule(initial: float, final: float, fraction: float, progress: Flo
     return initial + (final - initial) * jnp.minimum(progress / fraction, 1.0)
 
 
-def boltzmann_noise(key: Array, temperature: Float[Array, ""], shape: tuple[int, int]) -> Float[Array, "steps actions"]:
+def boltzmann_noise(key: Array, temperature: Float[Array, ""], shape: tuple[int, ...]) -> Float[Array, "steps actions"]:
     """Temperature x standard Gumbel noise (section 3.1.6)."""
     return temperature * jax.random.gumbel(key, shape)
 

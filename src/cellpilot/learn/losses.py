@@ -28,3 +28,9 @@ def squared_td_error(
     """Mean of (target - Q(s, a))^2; no gradient flows into the target."""
     taken = (q * jax.nn.one_hot(action, q.shape[-1])).sum(-1)
     return jnp.square(jax.lax.stop_gradient(target) - taken).mean()
+
+
+def huber(error: Float[Array, "..."], delta: float = 0.5) -> Float[Array, "..."]:
+    """error^2 / 2 up to `delta`, then linear (Huber 1964)."""
+    size = jnp.abs(error)
+    return jnp.where(size <= delta, 0.5 * error**2, delta * (size - 0.5 * delta))

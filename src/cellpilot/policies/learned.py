@@ -12,13 +12,16 @@ from safetensors.numpy import save_file
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid, IntArray
+from cellpilot.policies import pair_value
 from cellpilot.policies.base import greedy_actions, one_hot
 from cellpilot.provenance import write_atomically
+from cellpilot.task import Task
 
 FORMAT = "cellpilot-policy-1"
 TENSORS = {
     "concatenated": {"network.layers.0.weight", "network.layers.0.bias"},
     "two-stream": {"phi.layers.0.weight", "phi.layers.0.bias", "psi.layers.0.weight", "psi.layers.0.bias"},
+    pair_value.ARCHITECTURE: pair_value.TENSORS,
 }
 """Architectures this file can fly, and the tensors that each has at least."""
 Array32 = NDArray[np.float32]
@@ -42,6 +45,8 @@ class PolicyParameters:
     def values(self, grid: Grid, goals: IntArray) -> Array32:
         """Q(cell, goal, action) `[n_cells, goals, actions]` in float32; `InputError` on a grid of another shape."""
         self.check_grid(grid)
+        if self.architecture == pair_value.ARCHITECTURE:
+            return pair_value.pair_action_values(self.tensors, grid, Task(**self.about["task"]), goals, self.about["look_ahead"])
         n_dimensions = grid.n_dimensions
         position = grid.position(np.arange(grid.n_cells))[:, :n_dimensions]
         coordinates = ((position + 1) / np.asarray(grid.sides[:n_dimensions])).astype(np.float32)
@@ -114,6 +119,8 @@ def load_parameters(path: Path) -> PolicyParameters:
         nx, ny, nz = (int(n) for n in header["sides"])
         architecture, about = header["architecture"], dict(header["about"])
         expected = TENSORS[architecture]
+        if architecture == pair_value.ARCHITECTURE and (Task(**about["task"]), int(about["look_ahead"]))[1] < 1:
+            raise ValueError(f"look_ahead is {about['look_ahead']}")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: the description of the policy is damaged ({error!r}); train again or restore it") from error
     if not expected <= tensors.keys():

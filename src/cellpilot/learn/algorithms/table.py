@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from jaxtyping import Array, Int
 
-from cellpilot.learn.algorithms import ddqn_her
+from cellpilot.learn.algorithms import ddqn_her, fqi_her
 
 
 @runtime_checkable
@@ -46,5 +46,14 @@ ALGORITHMS = {
         exploration_at=ddqn_her.exploration_at,
         learned=lambda state: state.online,
         policy_parameters=ddqn_her.learned_policy,
+    ),
+    "fqi-her": Algorithm(
+        initial_state=fqi_her.initial_state,
+        fill_replay=None,
+        train_chunk=fqi_her.train_chunk,
+        empty_rows=fqi_her.empty_rows,
+        exploration_at=fqi_her.exploration_at,
+        learned=lambda state: state.average,
+        policy_parameters=fqi_her.learned_policy,
     ),
 }

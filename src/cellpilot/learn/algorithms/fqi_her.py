@@ -1,0 +1,331 @@
+"""FQI-HER: fitted Q-iteration over pairs of cells with hindsight goals; near-exact arg max policies in a minute.
+
+A round: all flights fly some steps and measure; goals are drawn from all cells flights have entered (hindsight: any of
+them could have been the goal); the averaged network values every cell for these goals, and known moves with the learned
+penalty turn that into targets; the network is fitted to the pairs, those with large errors more often. With
+`penalty_model` off the penalty of a move is that of one stored measurement, replayed, and the network alone decides:
+model-free as far as the radio is concerned. The moves of the grid are known to both.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from cellpilot.envs.arena import Arena, draw_start_and_goal
+from cellpilot.envs.flight import step
+from cellpilot.learn.adam import AdamState, adam_step, init_adam
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
+from cellpilot.learn.exploration import boltzmann_noise, linear_schedule
+from cellpilot.learn.losses import huber
+from cellpilot.learn.pair_network import PairNetwork, corrections
+from cellpilot.learn.penalty import Measurements, measure, no_measurements, penalty_model, replayed_penalty
+from cellpilot.policies.learned import PolicyParameters
+from cellpilot.policies.pair_value import ARCHITECTURE, distance, upper_bound
+from cellpilot.task import Task
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Flights:
+    """Many flights in the air, `[flights]`; one that ends is replaced by a new pair of start and goal."""
+
+    cell: Int[Array, " flights"]
+    goal: Int[Array, " flights"]
+    n_steps: Int[Array, " flights"]
+    return_so_far: Float[Array, " flights"]
+    number: UInt32[Array, " flights"]  # random, of this flight: with a cell it draws what the map's uncertainty adds there
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class FittedState:
+    """Everything that training changes."""
+
+    online: PairNetwork
+    average: PairNetwork
+    optimizer: AdamState
+    memory: Measurements
+    flights: Flights
+    blocked: Bool[Array, " cells"]
+    round: Int[Array, ""]
+    env_steps: Int[Array, ""]
+
+    @property
+    def rounds_done(self) -> Int[Array, "..."]:
+        """How far training is, as the trainer counts."""
+        return self.round
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class RoundStatistics:
+    """Means over the flights that ended in a round; fields `[rounds]` once stacked."""
+
+    episode_return: Float[Array, "..."]
+    n_steps: Float[Array, "..."]
+    reached: Float[Array, "..."]
+
+
+def empty_rows(length: int) -> RoundStatistics:
+    """Room for the statistics of `length` rounds."""
+    return RoundStatistics(jnp.zeros(length), jnp.zeros(length), jnp.zeros(length))
+
+
+@partial(jax.jit, static_argnames="settings")
+def initial_state(settings: FQIHER, arena: Arena, seed: Int[Array, ""] | int) -> FittedState:
+    """A fresh network, nothing measured, all flights at their starts."""
+    key_network, key_flights = jax.random.split(jax.random.fold_in(jax.random.key(seed), 0))
+    network = PairNetwork(arena.sides, settings.hidden_units, settings.networks, key_network)
+    return FittedState(
+        online=network,
+        average=jax.tree.map(jnp.copy, network),
+        optimizer=init_adam(network),
+        memory=no_measurements(arena.n_cells, settings.stored_per_cell),
+        flights=_new_flights(key_flights, arena, settings.flights),
+        blocked=arena.part < 0,
+        round=jnp.int32(0),
+        env_steps=jnp.int32(0),
+    )
+
+
+def pair_values(
+    network: PairNetwork, arena: Arena, task: Task, penalty: Float[Array, " cells"] | None, cell: Array, goal: Array
+) -> tuple[Float[Array, "networks ..."], Float[Array, "..."]]:
+    """Each network's value of the pairs, and their upper bound: of being in the cell, or without a model of entering it."""
+    steps = distance(arena.sides, cell, goal)
+    bound = upper_bound(task, steps, 0.0 if penalty is None else penalty[goal])
+    if penalty is None:
+        bound = task.rho_step + task.rho_goal * (cell == goal) + task.discount * bound
+    return bound + corrections(network, arena.sides, cell, goal), bound
+
+
+def action_values(
+    network: PairNetwork,
+    arena: Arena,
+    task: Task,
+    penalty: Float[Array, " cells"] | None,
+    cell: Int[Array, " flights"],
+    goal: Int[Array, " flights"],
+) -> Float[Array, "flights actions"]:
+    """Q of every action, as the policy that flies on NumPy computes it."""
+    entered = arena.next_cell[cell]
+    goal = goal[:, None]
+    values, bound = pair_values(network, arena, task, penalty, entered, goal)
+    value = jnp.minimum(values.min(0), bound)
+    if penalty is not None:
+        here = cell[:, None]
+        reward, terminated = task.expected_outcome(arena, here, jnp.arange(entered.shape[1])[None, :], goal, penalty)
+        return reward + task.discount * jnp.where(terminated, 0.0, value)
+    return value + task.rho_blocked * arena.stopped[cell]
+
+
+def collect(
+    key: Array,
+    settings: FQIHER,
+    arena: Arena,
+    task: Task,
+    state: FittedState,
+    penalty: Float[Array, " cells"],
+) -> tuple[Flights, Measurements, RoundStatistics]:
+    """`steps_per_round` steps of every flight with the Boltzmann policy of the averaged network."""
+    temperature = exploration_at(settings, state.round)
+    model = penalty if settings.penalty_model else None
+
+    def fly_step(carry: tuple[Flights, Measurements, Array], key: Array) -> tuple[tuple[Flights, Measurements, Array], None]:
+        flights, memory, ended = carry
+        key_action, key_noise, key_new = jax.random.split(key, 3)
+        q = action_values(state.average, arena, task, model, flights.cell, flights.goal)
+        action = (q + boltzmann_noise(key_action, temperature, q.shape)).argmax(-1)
+        entered = arena.next_cell[flights.cell, action]
+        noise_db = arena.noise_std_db * jax.random.normal(key_noise, entered.shape) + _unknown_db(arena, flights.number, entered)
+        transition = jax.vmap(step, (None, 0, 0, 0))(arena, flights.cell, action, noise_db)
+        reward, terminated = task.outcome(transition, flights.goal)
+        memory = measure(memory, transition.next_cell, transition.sinr_db)
+        n_steps, total = flights.n_steps + 1, flights.return_so_far + reward
+        over = terminated | (n_steps >= task.max_steps)
+        ended = ended + jnp.stack([over, over * total, over * n_steps, terminated], 0).sum(1)
+        new = _new_flights(key_new, arena, settings.flights)
+        going = Flights(transition.next_cell, flights.goal, n_steps, total, flights.number)
+        return (jax.tree.map(lambda fresh, old: jnp.where(over, fresh, old), new, going), memory, ended), None
+
+    start = (state.flights, state.memory, jnp.zeros(4))
+    (flights, memory, ended), _ = jax.lax.scan(fly_step, start, jax.random.split(key, settings.steps_per_round))
+    n, total, n_steps, reached = ended
+    n = jnp.maximum(n, 1.0)
+    return flights, memory, RoundStatistics(total / n, n_steps / n, reached / n)
+
+
+def targets(
+    key: Array,
+    settings: FQIHER,
+    arena: Arena,
+    task: Task,
+    state: FittedState,
+    penalty: Float[Array, " cells"],
+    goals: Int[Array, " goals"],
+) -> tuple[Float[Array, "cells goals"], Float[Array, "cells goals"]]:
+    """Targets of every cell for these goals, and the absolute error of the averaged network.
+
+    With the penalty model: `sweeps` steps of value iteration over the known moves, begun at the network's values (the
+    least of the networks). Without: the penalty of one replayed measurement, and one step.
+    """
+    cell, goal = jnp.arange(arena.n_cells)[:, None], goals[None, :]
+    model = penalty if settings.penalty_model else None
+    values, bound = pair_values(state.average, arena, task, model, cell, goal)
+    least = jnp.minimum(values.min(0), bound)
+    if not settings.penalty_model:
+        value = (least[arena.next_cell] + task.rho_blocked * arena.stopped[..., None]).max(1)
+        entering = jnp.where(cell == goal, 0.0, task.discount * value)
+        low = replayed_penalty(key, state.memory, task.threshold_db)[:, None]
+        target = task.rho_step + task.rho_goal * (cell == goal) + task.rho_sinr * low + entering
+        return jnp.minimum(target, bound), jnp.abs(target - values.mean(0))
+    n_actions = arena.next_cell.shape[1]
+    outcomes = [task.expected_outcome(arena, cell, action, goal, penalty) for action in range(n_actions)]
+
+    def sweep(_: Array, value: Array) -> Array:
+        best = jnp.full_like(value, -jnp.inf)
+        for action, (reward, terminated) in enumerate(outcomes):
+            future = jnp.where(terminated, 0.0, task.discount * value[arena.next_cell[:, action]])
+            best = jnp.maximum(best, reward + future)
+        return best
+
+    target = jnp.minimum(jax.lax.fori_loop(0, settings.sweeps, sweep, least), bound)
+    return target, jnp.abs(target - values.mean(0))
+
+
+def optimize(
+    key: Array, settings: FQIHER, arena: Arena, task: Task, state: FittedState, penalty: Float[Array, " cells"]
+) -> FittedState:
+    """Fit the networks to the targets of some hindsight goals, `updates_per_round` steps of Adam."""
+    key_goals, key_targets, key_pairs, key_even = jax.random.split(key, 4)
+    goals = _hindsight_goals(key_goals, settings, arena, state.memory)
+    target, error = targets(key_targets, settings, arena, task, state, penalty, goals)
+    of_use = arena.part[:, None] == arena.part[goals][None, :]
+    if settings.penalty_model:  # the value of being in the goal is 0 and needs no learning
+        of_use = of_use & (jnp.arange(arena.n_cells)[:, None] != goals[None, :])
+    near = of_use & (distance(arena.sides, jnp.arange(arena.n_cells)[:, None], goals[None, :]) <= settings.near_steps)
+    chosen = _draw_pairs(key_pairs, key_even, settings, error, of_use, near)
+    cells, columns = chosen // goals.size, chosen % goals.size
+    rate = learning_rate_at(settings, state.round)
+    model = penalty if settings.penalty_model else None
+
+    def update(
+        carry: tuple[PairNetwork, PairNetwork, AdamState], batch: tuple[Array, ...]
+    ) -> tuple[tuple[PairNetwork, PairNetwork, AdamState], None]:
+        online, average, adam = carry
+        cell, goal, wanted = batch
+
+        def loss(network: PairNetwork) -> Array:
+            return huber(pair_values(network, arena, task, model, cell, goal)[0] - wanted).mean(-1).sum()
+
+        online, adam = adam_step(online, jax.grad(loss)(online), adam, rate)
+        average = jax.tree.map(lambda a, b: a + settings.averaging * (b - a), average, online)
+        return (online, average, adam), None
+
+    batches = (cells, goals[columns], target[cells, columns])
+    (online, average, adam), _ = jax.lax.scan(update, (state.online, state.average, state.optimizer), batches)
+    return eqx.tree_at(lambda s: (s.online, s.average, s.optimizer), state, (online, average, adam))
+
+
+def run_round(key: Array, settings: FQIHER, arena: Arena, task: Task, state: FittedState) -> tuple[FittedState, RoundStatistics]:
+    """Fly, measure, fit."""
+    key_flights, key_fit = jax.random.split(jax.random.fold_in(key, state.round))
+    before = penalty_model(state.memory, task.threshold_db)
+    flights, memory, statistics = collect(key_flights, settings, arena, task, state, before)
+    flown = settings.flights * settings.steps_per_round
+    after = (memory, flights, state.env_steps + flown)
+    state = eqx.tree_at(lambda s: (s.memory, s.flights, s.env_steps), state, after)
+    state = optimize(key_fit, settings, arena, task, state, penalty_model(memory, task.threshold_db))
+    return eqx.tree_at(lambda s: s.round, state, state.round + 1), statistics
+
+
+@partial(jax.jit, static_argnames=("settings", "task", "length"), donate_argnames="state")
+def train_chunk(
+    state: FittedState,
+    arena: Arena,
+    seed: Int[Array, ""],
+    n_rounds: Int[Array, ""],
+    *,
+    settings: FQIHER,
+    task: Task,
+    length: int,
+) -> tuple[FittedState, RoundStatistics]:
+    """`n_rounds <= length` more rounds; statistics `[length]`, real in the first `n_rounds`.
+
+    Randomness is a function of (seed, round) alone: how rounds are split into chunks changes nothing.
+    """
+    key = jax.random.fold_in(jax.random.key(seed), 2)
+
+    def body(i: Array, carry: tuple[FittedState, RoundStatistics]) -> tuple[FittedState, RoundStatistics]:
+        state, rows = carry
+        state, row = run_round(key, settings, arena, task, state)
+        return state, jax.tree.map(lambda all_rows, new: all_rows.at[i].set(new), rows, row)
+
+    return jax.lax.fori_loop(0, n_rounds, body, (state, empty_rows(length)))
+
+
+def exploration_at(settings: FQIHER, round_: Int[Array, "..."]) -> Float[Array, "..."]:
+    """Temperature of a round: linear over the first `exploration_fraction` of all rounds."""
+    share = round_ / settings.rounds
+    return linear_schedule(settings.initial_exploration, settings.final_exploration, settings.exploration_fraction, share)
+
+
+def learning_rate_at(settings: FQIHER, round_: Int[Array, ""]) -> Float[Array, ""]:
+    """Learning rate of a round: half a cosine from `learning_rate` to `final_learning_rate`."""
+    share = 0.5 * (1 + jnp.cos(jnp.pi * round_ / settings.rounds))
+    return settings.final_learning_rate + (settings.learning_rate - settings.final_learning_rate) * share
+
+
+def learned_policy(state: FittedState, settings: FQIHER, sides: tuple[int, int, int], about: dict[str, Any]) -> PolicyParameters:
+    """The averaged network, the learned penalty and the blocked cells as plain NumPy; `about["task"]` holds the rewards."""
+    task = Task(**about["task"])
+    tensors = {name: np.asarray(getattr(state.average, name)) for name in ("table", "weight", "bias", "output")}
+    tensors["blocked"] = np.asarray(state.blocked)
+    if settings.penalty_model:
+        tensors["penalty"] = np.asarray(penalty_model(state.memory, task.threshold_db))
+    look_ahead = settings.look_ahead if settings.penalty_model else 1
+    return PolicyParameters(tensors, ARCHITECTURE, sides, about | {"look_ahead": look_ahead})
+
+
+def _new_flights(key: Array, arena: Arena, n: int) -> Flights:
+    key_pairs, key_number = jax.random.split(key)
+    start, goal = jax.vmap(draw_start_and_goal, (0, None))(jax.random.split(key_pairs, n), arena)
+    return Flights(start, goal, jnp.zeros(n, jnp.int32), jnp.zeros(n), jax.random.bits(key_number, (n,)))
+
+
+def _unknown_db(arena: Arena, number: UInt32[Array, " flights"], cell: Int[Array, " flights"]) -> Float[Array, " flights"]:
+    """What the map's own uncertainty adds: the same in one cell for a whole flight, without a drawn map for each flight."""
+    draw = lambda number, cell: jax.random.normal(jax.random.fold_in(jax.random.fold_in(jax.random.key(0), number), cell))
+    return arena.sinr_std_db[cell] * jax.vmap(draw)(number, cell)
+
+
+def _hindsight_goals(key: Array, settings: FQIHER, arena: Arena, memory: Measurements) -> Int[Array, " goals"]:
+    """Different cells that flights have entered, all alike; other possible goals only while too few were entered."""
+    score = jax.random.uniform(key, (arena.n_cells,)) + (memory.count > 0) + 2.0 * arena.may_be_goal
+    return jax.lax.top_k(score, min(settings.goals_per_round, arena.n_cells))[1]
+
+
+def _draw_pairs(
+    key: Array,
+    key_even: Array,
+    settings: FQIHER,
+    error: Array,
+    of_use: Bool[Array, "cells goals"],
+    near: Bool[Array, "cells goals"],
+) -> Int[Array, "updates batch"]:
+    """Pairs as flat indices: shares `prioritised` in proportion to the error and `near` to the goal, the others all alike."""
+    share = lambda weight: weight / jnp.maximum(weight.sum(), 1e-9)
+    even = 1 - settings.prioritised - settings.near
+    chance = settings.prioritised * share(jnp.where(of_use, error, 0.0)) + settings.near * share(near) + even * share(of_use)
+    edges = jnp.cumsum(chance.ravel())
+    n = settings.updates_per_round * settings.batch_size
+    # Stratified: the sorted draws walk through the cumulated chance once; shuffled, every batch is a fair sample.
+    level = (jnp.arange(n) + jax.random.uniform(key, (n,))) / n * edges[-1]
+    drawn = jnp.minimum(jnp.searchsorted(edges, level, method="sort"), edges.size - 1)
+    return jax.random.permutation(key_even, drawn).reshape(settings.updates_per_round, settings.batch_size)

@@ -1,0 +1,57 @@
+"""Settings of FQI-HER as compiled code needs them. No JAX here: they are checked before anything slow is imported."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from cellpilot.errors import InputError
+from cellpilot.task import Task
+
+
+@dataclass(frozen=True)
+class FQIHER:
+    """Settings of the learner as compiled code needs them; `scenario.PairLearnerSettings` documents each."""
+
+    algorithm: ClassVar[str] = "fqi-her"
+    counts: ClassVar[str] = "rounds"
+    chunk_rounds: ClassVar[int] = 5
+
+    rounds: int = 300
+    flights: int = 64
+    steps_per_round: int = 15
+    updates_per_round: int = 20
+    batch_size: int = 2048
+    goals_per_round: int = 64
+    sweeps: int = 8
+    look_ahead: int = 1
+    penalty_model: bool = True
+    prioritised: float = 0.4
+    near: float = 0.3
+    near_steps: int = 8
+    networks: int = 1
+    hidden_units: int = 64
+    learning_rate: float = 1e-2
+    final_learning_rate: float = 1e-4
+    averaging: float = 0.02
+    initial_exploration: float = 1.0
+    final_exploration: float = 0.1
+    exploration_fraction: float = 0.5
+    stored_per_cell: int = 32
+
+    @property
+    def updates(self) -> int:
+        """Optimisation steps of the whole training."""
+        return self.rounds * self.updates_per_round
+
+    @property
+    def explores_by(self) -> str:
+        """Name of the quantity that `exploration_at` returns."""
+        return "temperature"
+
+    def check_fits(self, task: Task) -> None:
+        """`InputError` for rewards under which the distance to the goal does not bound the value from above."""
+        if not (task.rho_goal >= 0 and task.rho_step < 0 and task.rho_sinr <= 0 and task.rho_blocked <= 0):
+            raise InputError(
+                "fqi-her needs rho_goal >= 0, rho_step < 0, rho_sinr <= 0 and rho_blocked <= 0, since it bounds values by the "
+                f"distance to the goal; found {task.rho_goal:g}, {task.rho_step:g}, {task.rho_sinr:g}, {task.rho_blocked:g}: "
+                "change the rewards or use ddqn-her"
+            )

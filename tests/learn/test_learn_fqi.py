@@ -1,0 +1,162 @@
+"""FQI-HER: its parts against plain arithmetic, and small tasks with known values."""
+
+from dataclasses import asdict, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from cellpilot.envs.arena import make_arena
+from cellpilot.errors import InputError
+from cellpilot.evaluate import evaluate
+from cellpilot.grid import Grid
+from cellpilot.learn.algorithms import fqi_her
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
+from cellpilot.learn.losses import huber
+from cellpilot.learn.penalty import measure, no_measurements, penalty_model, replayed_penalty
+from cellpilot.learn.trainer import train
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, load_parameters
+from cellpilot.policies.learned import save_parameters
+from cellpilot.policies.optimal import optimal_values
+from cellpilot.policies.pair_value import distance, n_rows, pair_rows, upper_bound
+from cellpilot.task import Task
+from cellpilot.world import World
+
+SMALL = FQIHER(
+    rounds=60, flights=16, steps_per_round=12, updates_per_round=15, batch_size=256, goals_per_round=25, hidden_units=32
+)
+
+
+def make_world(seed: int = 0, sides: tuple[int, int, int] = (5, 5, 1), noise_std_db: float = 0.0, blocked: int = 0) -> World:
+    """A random world, some cells of it blocked, 40 % of the rest below 3 dB."""
+    rng = np.random.default_rng(seed)
+    grid = Grid(*(tuple(20.0 * i for i in range(side)) for side in sides))
+    sinr_db = np.where(rng.random(grid.n_cells) < 0.4, -2.0, 8.0) + rng.uniform(-0.5, 0.5, grid.n_cells)
+    stones = np.zeros(grid.n_cells, bool)
+    stones[rng.choice(grid.n_cells, blocked, replace=False)] = True
+    return World(grid, sinr_db.astype(np.float32), np.zeros(grid.n_cells, np.float32), noise_std_db, stones)
+
+
+def learn(world: World, task: Task, settings: FQIHER, seed: int = 0) -> LearnedPolicy:
+    """Train and take the policy out."""
+    result = train(settings, task, make_arena(world), seed)
+    return LearnedPolicy(result.policy_parameters(world.grid.sides, {"task": asdict(task)}), world.grid)
+
+
+@pytest.mark.parametrize(("sides", "expected"), [((20, 20, 1), 3921), ((20, 20, 5), 19714)])
+def test_every_pair_has_its_rows_inside_the_table(sides: tuple[int, int, int], expected: int) -> None:
+    assert n_rows(sides) == expected
+    cells = np.arange(int(np.prod(sides)))
+    rows = pair_rows(sides, cells[:, None], cells[None, ::7])
+    for one, following in zip(rows, [*rows[1:], None], strict=True):
+        assert one.shape == (cells.size, cells[::7].size)
+        end = expected if following is None else following.min()
+        assert one.max() < end  # the parts of the table do not overlap
+
+
+@pytest.mark.parametrize("blocked", [0, 5])
+def test_the_bound_is_never_below_the_optimum(blocked: int) -> None:
+    world, task = make_world(3, (6, 4, 2), 2.0, blocked), Task(max_steps=80)
+    goals = world.free_cells
+    low = np.nan_to_num(world.low_probability(task.threshold_db))
+    values = optimal_values(world, task, goals).max(-1)
+    cell = np.arange(world.grid.n_cells)[:, None]
+    bound = upper_bound(task, distance(world.grid.sides, cell, goals[None]), low[goals][None])
+    inside = (cell != goals[None]) & ~world.blocked[:, None]
+    assert (bound >= values - 1e-9)[inside].all()
+    assert np.isclose(bound, values)[inside].any()  # and it is reached by a good flight, so it is not idle
+
+
+def test_the_learned_penalty_is_the_normal_chance_of_what_was_measured() -> None:
+    rng = np.random.default_rng(0)
+    memory = no_measurements(3, 4)
+    drawn = rng.normal([5.0, 1.0], 2.0, (400, 2)).astype(np.float32)
+    for row in drawn:
+        memory = measure(memory, jnp.array([0, 1]), jnp.asarray(row))
+    chance = np.asarray(penalty_model(memory, 3.0))
+    expected = ndtr((3.0 - drawn.mean(0)) / drawn.std(0))
+    assert np.abs(chance[:2] - expected).max() < 0.01
+    assert chance[2] == pytest.approx(chance[:2].mean(), abs=1e-6)  # never measured: the mean chance
+    share = np.mean([np.asarray(replayed_penalty(jax.random.key(i), memory, 3.0)) for i in range(300)], axis=0)
+    assert np.abs(share[:2] - (drawn[-4:] < 3.0).mean(0)).max() < 0.1  # the last four are stored
+    assert share[2] == 0
+
+
+def test_without_noise_the_penalty_is_certain_at_the_threshold_itself() -> None:
+    memory = no_measurements(2, 4)
+    for _ in range(50):
+        memory = measure(memory, jnp.array([0, 1, 1]), jnp.array([3.0, 2.9999, 2.9999], jnp.float32))
+    assert np.asarray(penalty_model(memory, 3.0)).tolist() == [0.0, 1.0]
+    assert np.asarray(memory.count).tolist() == [50, 100]
+
+
+def test_huber_by_hand() -> None:
+    assert np.asarray(huber(jnp.array([0.2, -0.5, 2.0]))).tolist() == pytest.approx([0.02, 0.125, 0.875])
+
+
+@pytest.mark.parametrize("model", [True, False])
+def test_the_policy_flies_on_numpy_as_it_was_trained(model: bool, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    world, task = make_world(1, (4, 3, 2), 1.0, 3), Task(max_steps=60, rho_blocked=-0.3)
+    settings = replace(SMALL, rounds=5, penalty_model=model, networks=2)
+    arena = make_arena(world)
+    result = train(settings, task, arena, 0)
+    save_parameters(result.policy_parameters(world.grid.sides, {"task": asdict(task)}), tmp_path / "p.safetensors")
+    goals = world.free_cells
+    found = load_parameters(tmp_path / "p.safetensors").values(world.grid, goals)
+    penalty = penalty_model(result.state.memory, task.threshold_db) if model else None
+    for column, goal in enumerate(goals):
+        cells = jnp.arange(world.grid.n_cells)
+        expected = fqi_her.action_values(result.state.average, arena, task, penalty, cells, jnp.full_like(cells, goal))
+        assert np.abs(found[:, column] - np.asarray(expected)).max() < 1e-4
+
+
+@pytest.mark.parametrize(("model", "noise_std_db", "networks"), [(True, 0.0, 1), (True, 2.0, 2), (False, 0.0, 1)])
+def test_a_small_world_is_learned(model: bool, noise_std_db: float, networks: int) -> None:
+    world, task = make_world(2, noise_std_db=noise_std_db, blocked=2), Task(max_steps=100)
+    policy = learn(world, task, replace(SMALL, rounds=60 if model else 250, penalty_model=model, networks=networks))
+    result = evaluate(world, task, [GreedyPolicy(world), OptimalPolicy(world, task), policy], seed=0, n_sampled=10)
+    row = result.policies["learned/argmax"]
+    assert row["reached_share"] == 1
+    assert row["score"] > (0.97 if model else 0.8)
+
+
+def test_seeds_differ_and_equal_seeds_are_equal_however_training_is_cut() -> None:
+    world, task = make_world(4, noise_std_db=1.0), Task(max_steps=50)
+    arena, settings = make_arena(world), replace(SMALL, rounds=7)
+    whole = train(settings, task, arena, 5, chunk_rounds=7)
+    cut = train(settings, task, arena, 5, chunk_rounds=2)
+    other = train(settings, task, arena, 6, chunk_rounds=7)
+    tables = [np.asarray(run.state.average.table) for run in (whole, cut, other)]
+    assert np.array_equal(tables[0], tables[1])
+    assert not np.allclose(tables[0], tables[2])
+    assert np.array_equal(whole.history["episode_return"], cut.history["episode_return"])
+    assert not np.array_equal(whole.history["episode_return"], other.history["episode_return"])
+
+
+def test_what_was_never_measured_changes_nothing() -> None:
+    world, task = make_world(5, (8, 8, 1)), Task(max_steps=50)
+    settings = replace(SMALL, rounds=1, flights=2, steps_per_round=6)
+    first = train(settings, task, make_arena(world), 0)
+    never = np.flatnonzero(np.asarray(first.state.memory.count) == 0)
+    assert 0 < never.size < 64
+    changed = replace(world, sinr_db=np.where(np.isin(np.arange(64), never), np.float32(-20), world.sinr_db))
+    second = train(settings, task, make_arena(changed), 0)
+    for a, b in zip(jax.tree.leaves(first.state), jax.tree.leaves(second.state), strict=True):
+        assert np.array_equal(np.asarray(a), np.asarray(b))
+
+
+def test_an_uncertain_map_is_one_map_during_a_flight() -> None:
+    world = replace(make_world(0), sinr_std_db=np.full(25, 3.0, np.float32))
+    arena = make_arena(world)
+    draw = lambda number, cell: float(fqi_her._unknown_db(arena, jnp.array([number], jnp.uint32), jnp.array([cell]))[0])
+    assert draw(1, 4) == draw(1, 4)
+    assert len({draw(n, c) for n in (1, 2) for c in (4, 5)}) == 4
+    many = fqi_her._unknown_db(arena, jnp.arange(2000, dtype=jnp.uint32), jnp.zeros(2000, jnp.int32))
+    assert float(jnp.std(many)) == pytest.approx(3.0, rel=0.1)
+
+
+def test_rewards_that_distance_does_not_bound_are_refused() -> None:
+    with pytest.raises(InputError, match="fqi-her needs"):
+        SMALL.check_fits(Task(rho_step=0.1))
