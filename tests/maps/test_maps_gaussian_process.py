@@ -76,6 +76,28 @@ def test_updates_equal_a_dense_solution(seed: int, form: str, sides: tuple[int, 
     np.testing.assert_allclose(process.std_db, np.sqrt(np.diagonal(covariance_db2)), atol=1e-5)
 
 
+def test_the_multiple_of_a_trend_is_found_by_regression() -> None:
+    """With next to no random field, mean and covariance of the weight are those of Bayesian linear regression."""
+    rng = np.random.default_rng(2)
+    points_m = lattice(6, 5, 1)
+    trend_db = rng.normal(0.0, 6.0, (30, 1))
+    kernel = Kernel(1e-3, 50.0, offset_std_db=0.0, height_offset_std_db=0.0, noise_std_db=1.0)
+    process = GaussianProcess(kernel, points_m, 2.0, trend_db)
+    index = rng.integers(0, 30, 12)
+    values_db = 2.0 + 0.7 * trend_db[index, 0] + rng.standard_normal(12)
+    process.update(index, values_db)
+    precision = 1 + (trend_db[index] ** 2).sum()
+    weight = (trend_db[index, 0] @ (values_db - 2.0)) / precision
+    np.testing.assert_allclose(process.mean_db, 2.0 + weight * trend_db[:, 0], atol=1e-3)
+    np.testing.assert_allclose(process.std_db, np.abs(trend_db[:, 0]) / np.sqrt(precision), atol=2e-3)
+    # Told of the trend, the estimate needs no field to explain it.
+    measured = Measurements.of(points_m[index], values_db)
+    place = {tuple(point): i for i, point in enumerate(points_m)}
+    at = [place[tuple(point)] for point in measured.points_m]
+    with_trend, without = (estimate_kernel(measured, 2.0, Kernel(), t) for t in (trend_db[at], None))
+    assert with_trend.std_db < 0.6 * without.std_db
+
+
 def test_interpolation_between_points_equals_a_dense_solution() -> None:
     rng = np.random.default_rng(4)
     kernel = Kernel(5.0, 60.0, 40.0, noise_std_db=1.5)

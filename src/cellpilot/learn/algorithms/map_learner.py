@@ -37,6 +37,7 @@ class MapLearnerSettings:
     replan_every_steps: int = 1  # measurements between two plans of one flight; 0 = one plan per flight
     estimate_after_flights: tuple[int, ...] = (3, 5, 10, 20, 40, 80)  # when the hyper-parameters are estimated anew
     kernel: Kernel = field(default_factory=Kernel)  # before the first estimate, and the medians of its prior
+    prior_slope_std: float = 0.5  # how far from 1 the true multiple of a prior map's pattern may be
     discount: float = 1.0  # of the plans; 1 = the undiscounted return, by which every policy is scored
 
     def __post_init__(self) -> None:
@@ -46,6 +47,8 @@ class MapLearnerSettings:
             raise InputError(f"optimism is {self.optimism:g}; expected 0 or more standard deviations")
         if self.replan_every_steps < 0:
             raise InputError(f"replan_every_steps is {self.replan_every_steps}; expected 0 (one plan per flight) or more")
+        if not np.isfinite(self.prior_slope_std) or self.prior_slope_std < 0:
+            raise InputError(f"prior_slope_std is {self.prior_slope_std:g}; expected 0 or more")
         if not 0 < self.discount <= 1:
             raise InputError(f"discount is {self.discount:g}; expected 0 < discount <= 1")
 
@@ -63,7 +66,8 @@ class MapLearner:
     """What is known of one place, growing flight by flight.
 
     `prior_mean_db [n_cells]` is a map of the same grid that may be wrong, such as a simulation; without one the prior
-    mean is the threshold. Either way an unknown constant, and one of each height, are added to it and estimated.
+    mean is the threshold. An unknown constant, one of each height, and an unknown multiple of the prior's pattern (its
+    deviations from its mean) are added and estimated: a prior may be off in level, and too strong or too weak.
     """
 
     def __init__(
@@ -77,7 +81,10 @@ class MapLearner:
     ) -> None:
         self.grid, self.blocked, self.task, self.settings, self.seed = grid, blocked, task, settings, seed
         self.prior_mean_db = _without_holes(grid, prior_mean_db, task.threshold_db)
-        self.posterior = GaussianProcess(settings.kernel, grid.metres(np.arange(grid.n_cells)), self.prior_mean_db)
+        pattern_db = self.prior_mean_db - self.prior_mean_db.mean()
+        self._trends_db = settings.prior_slope_std * pattern_db[:, None]
+        points_m = grid.metres(np.arange(grid.n_cells))
+        self.posterior = GaussianProcess(settings.kernel, points_m, self.prior_mean_db, self._trends_db)
         self.measured_cells: list[int] = []
         self.measured_db: list[float] = []
         self.n_flights = 0
@@ -122,8 +129,8 @@ class MapLearner:
         count, mean_db, squares_db2 = combine(cells, values_db, self.grid.n_cells)
         at = np.flatnonzero(count)
         measurements = Measurements(self.posterior.points_m[at], count[at], mean_db[at], squares_db2[at])
-        kernel = estimate_kernel(measurements, self.prior_mean_db[at], self.settings.kernel)
-        self.posterior = GaussianProcess(kernel, self.posterior.points_m, self.prior_mean_db)
+        kernel = estimate_kernel(measurements, self.prior_mean_db[at], self.settings.kernel, self._trends_db[at])
+        self.posterior = GaussianProcess(kernel, self.posterior.points_m, self.prior_mean_db, self._trends_db)
         self.posterior.update_means(count, mean_db)
 
     def believed_world(self) -> World:

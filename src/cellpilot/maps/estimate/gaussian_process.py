@@ -1,10 +1,11 @@
 """A Gaussian process of SINR: what is known of every place after noisy measurements of some, and how well.
 
-SINR at a point = prior mean + an unknown constant + an unknown constant of the height + a random field. The constants
-are Gaussian with a wide spread, so they are estimated with everything else and their uncertainty is carried along
-(Rasmussen and Williams, Gaussian Processes for Machine Learning, section 2.7). The field is stationary; its covariance
-falls with the distance, horizontal and vertical metres measured in their own correlation lengths. Hyper-parameters are
-those of the highest marginal likelihood (section 5.4.1 there), times a weak prior that decides while data are few.
+SINR at a point = prior mean + an unknown constant + an unknown constant of the height + unknown multiples of given
+trends + a random field. Constants and multiples are Gaussian with a wide spread, so they are estimated with everything
+else and their uncertainty is carried along (Rasmussen and Williams, Gaussian Processes for Machine Learning, section
+2.7). The field is stationary; its covariance falls with the distance, horizontal and vertical metres measured in their
+own correlation lengths. Hyper-parameters are those of the highest marginal likelihood (section 5.4.1 there), times a
+weak prior that decides while data are few.
 """
 
 from dataclasses import dataclass, replace
@@ -121,8 +122,8 @@ def combine(index: IndexArray, values: FloatArray, n: int) -> tuple[FloatArray, 
     """Number, mean (0 where there is none) and sum of squared deviations of the values of each index `0..n-1`."""
     count = np.bincount(index, minlength=n).astype(np.float64)
     mean = np.bincount(index, values, minlength=n) / np.maximum(count, 1)
-    squares: FloatArray = np.bincount(index, (values - mean[index]) ** 2, minlength=n)
-    return count, mean, squares
+    squares = np.bincount(index, (values - mean[index]) ** 2, minlength=n)
+    return count, mean, np.asarray(squares, dtype=np.float64)
 
 
 class GaussianProcess:
@@ -132,11 +133,16 @@ class GaussianProcess:
     measurement, hardly more for twenty at once).
     """
 
-    def __init__(self, kernel: Kernel, points_m: FloatArray, prior_mean_db: ArrayLike) -> None:
+    def __init__(
+        self, kernel: Kernel, points_m: FloatArray, prior_mean_db: ArrayLike, trends_db: FloatArray | None = None
+    ) -> None:
+        """Before any measurement; each of `trends_db [points, trends]` is added with an unknown standard normal weight."""
         self.kernel = kernel
         self.points_m = np.asarray(points_m, dtype=np.float64)
         self.mean_db: FloatArray = np.broadcast_to(np.asarray(prior_mean_db, dtype=np.float64), len(self.points_m)).copy()
         self.covariance_db2: FloatArray = kernel.covariance(self.points_m, self.points_m)
+        if trends_db is not None:
+            self.covariance_db2 += trends_db @ trends_db.T
 
     @property
     def std_db(self) -> FloatArray:
@@ -209,11 +215,16 @@ BELIEFS = (
 """Estimated hyper-parameters. Weak: ten measurements along a flight outweigh them."""
 
 
-def estimate_kernel(measurements: Measurements, prior_at_db: ArrayLike = 0.0, start: Kernel | None = None) -> Kernel:
+def estimate_kernel(
+    measurements: Measurements,
+    prior_at_db: ArrayLike = 0.0,
+    start: Kernel | None = None,
+    trends_at_db: FloatArray | None = None,
+) -> Kernel:
     """Standard deviation, correlation lengths and noise of the highest posterior density given the measurements.
 
     `start` (default `Kernel()`) gives the medians of the prior and what is not estimated: the spreads of the constants
-    and the form. `prior_at_db` is the prior mean at the measured points.
+    and the form. `prior_at_db [points]` and `trends_at_db [points, trends]` are prior mean and trends at the measured points.
     """
     start = Kernel() if start is None else start
     residual_db = measurements.mean_db - np.asarray(prior_at_db, dtype=np.float64)
@@ -221,6 +232,7 @@ def estimate_kernel(measurements: Measurements, prior_at_db: ArrayLike = 0.0, st
     if len(chosen) > LARGEST_FIT:
         chosen = np.sort(np.random.default_rng(0).choice(chosen, LARGEST_FIT, replace=False))
     points_m = measurements.points_m[chosen]
+    trends_db = np.zeros((len(residual_db), 1)) if trends_at_db is None else trends_at_db
     several_heights = bool(np.ptp(points_m[:, 2])) if len(points_m) else False
     beliefs = [b for b in BELIEFS if several_heights or b.name != "vertical_length_m"]
     median = np.log([max(getattr(start, b.name), b.least) for b in beliefs])
@@ -230,6 +242,7 @@ def estimate_kernel(measurements: Measurements, prior_at_db: ArrayLike = 0.0, st
         start=start,
         distances=_Distances.between(points_m, points_m),
         same_height=points_m[:, None, 2] == points_m[None, :, 2],
+        trends_db2=trends_db[chosen] @ trends_db[chosen].T,
         residual_db=residual_db[chosen],
         count=measurements.count[chosen],
         squares_db2=float(measurements.squares_db2.sum()),
@@ -254,6 +267,7 @@ class _Evidence:
     start: Kernel
     distances: _Distances
     same_height: NDArray[np.bool_]
+    trends_db2: FloatArray
     residual_db: FloatArray
     count: FloatArray
     squares_db2: float  # within points, all of them: they speak of the noise alone
@@ -269,7 +283,7 @@ class _Evidence:
         distance = self.distances.scaled(kernel)
         correlation, slope = FORMS[kernel.form](distance)
         field = kernel.std_db**2 * correlation
-        constants = kernel.offset_std_db**2 + kernel.height_offset_std_db**2 * self.same_height
+        constants = kernel.offset_std_db**2 + kernel.height_offset_std_db**2 * self.same_height + self.trends_db2
         noise = kernel.measurement_variance(self.count)
         root = cho_factor(field + constants + np.diag(noise), lower=True, check_finite=False)
         weights = cho_solve(root, self.residual_db, check_finite=False)
