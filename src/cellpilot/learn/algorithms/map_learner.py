@@ -80,7 +80,7 @@ class MapLearner:
         prior_mean_db: FloatArray | None = None,
     ) -> None:
         self.grid, self.blocked, self.task, self.settings, self.seed = grid, blocked, task, settings, seed
-        self.prior_mean_db = _without_holes(grid, prior_mean_db, task.threshold_db)
+        self.prior_mean_db = without_holes(grid, prior_mean_db, task.threshold_db)
         pattern_db = self.prior_mean_db - self.prior_mean_db.mean()
         self._trends_db = settings.prior_slope_std * pattern_db[:, None]
         points_m = grid.metres(np.arange(grid.n_cells))
@@ -178,7 +178,7 @@ def learn_map(
         yield learner
 
 
-def _without_holes(grid: Grid, prior_mean_db: FloatArray | None, threshold_db: float) -> FloatArray:
+def without_holes(grid: Grid, prior_mean_db: FloatArray | None, threshold_db: float) -> FloatArray:
     """The prior mean `[n_cells]`; a cell that it leaves open has the mean of its height, or the threshold."""
     if prior_mean_db is None:
         return np.full(grid.n_cells, float(threshold_db))
