@@ -104,6 +104,18 @@ class World:
             raise InputError(f"no route from {start} to {goal}: blocked cells cut them apart")
         return starts, goals
 
+    def draw_pairs(self, rng: np.random.Generator, n: int, starts: IntArray, goals: IntArray) -> tuple[IntArray, IntArray]:
+        """`n` starts and goals, uniform over all pairs of different cells that can reach each other, with replacement.
+
+        `starts` and `goals` are the cells to draw from; at least one pair of them has to be connected.
+        """
+        s, g = np.empty(0, np.int32), np.empty(0, np.int32)
+        while s.size < n:
+            new_s, new_g = rng.choice(starts, 2 * n), rng.choice(goals, 2 * n)
+            keep = (new_s != new_g) & (self.part[new_s] == self.part[new_g])
+            s, g = np.concatenate([s, new_s[keep]]), np.concatenate([g, new_g[keep]])
+        return s[:n], g[:n]
+
     def _usable(self, position: Position, what: str) -> IntArray:
         cell = self.grid.cell(self.grid.check_position(position, what))
         if not np.isin(cell, self.free_cells):

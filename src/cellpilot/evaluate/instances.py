@@ -40,9 +40,4 @@ def sample_pairs(
 ) -> Instances:
     """`n` pairs drawn uniformly, with replacement, from all pairs that can reach each other."""
     starts, goals = world.start_goal_cells(start, goal)
-    s, g = np.empty(0, np.int32), np.empty(0, np.int32)
-    while s.size < n:
-        new_s, new_g = rng.choice(starts, 2 * n), rng.choice(goals, 2 * n)
-        keep = (new_s != new_g) & (world.part[new_s] == world.part[new_g])
-        s, g = np.concatenate([s, new_s[keep]]), np.concatenate([g, new_g[keep]])
-    return Instances(s[:n], g[:n], count_pairs(world, start, goal)[1])
+    return Instances(*world.draw_pairs(rng, n, starts, goals), count_pairs(world, start, goal)[1])

@@ -1,0 +1,143 @@
+"""What the Gymnasium environments of one flight and of many share: spaces, observations, and the outcome for any goal.
+
+A reward depends on what was *measured* in the step, so the facts of a step travel in `info` (`sinr_db`, `blocked`,
+`n_steps`) and a hindsight reward is `Task.outcome` of the same facts with another goal. NumPy only.
+"""
+
+import operator
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from cellpilot.errors import InputError
+from cellpilot.grid import IntArray, Position
+from cellpilot.task import Task, Transition
+from cellpilot.world import World
+
+Observation = dict[str, NDArray[np.float32]]
+Info = Mapping[str, Any] | Sequence[Mapping[str, Any]] | NDArray[np.object_]
+"""One `info`, one of arrays (vector environments), or a sequence of them (replay buffers)."""
+
+
+@dataclass(frozen=True)
+class GoalRules:
+    """A world, a task and the pairs flown, in the words of a goal-conditioned environment.
+
+    `InputError` for a start or goal that is blocked, cut off, or cannot reach the other.
+    """
+
+    world: World
+    task: Task
+    start: Position | None = None  # None = drawn uniformly
+    goal: Position | None = None
+
+    def __post_init__(self) -> None:
+        _ = self._usual_cells  # raises
+
+    @cached_property
+    def _usual_cells(self) -> tuple[IntArray, IntArray]:
+        return self.world.start_goal_cells(self.start, self.goal)
+
+    @cached_property
+    def sides(self) -> IntArray:
+        """Cells along each dimension flown, `[dims]`."""
+        grid = self.world.grid
+        return np.asarray(grid.sides[: grid.n_dimensions])
+
+    @cached_property
+    def coordinates(self) -> NDArray[np.float32]:
+        """Position of every cell, `[n_cells, dims]`: counted from 1, divided by the side, as the project's networks see it."""
+        grid = self.world.grid
+        position = grid.position(np.arange(grid.n_cells))[:, : grid.n_dimensions]
+        return ((position + 1) / self.sides).astype(np.float32)
+
+    @property
+    def observation_space(self) -> spaces.Dict:
+        """Position, position again as the goal achieved, and the goal desired, each in (0, 1]."""
+        box = lambda: spaces.Box(0.0, 1.0, (len(self.sides),), np.float32)
+        return spaces.Dict({"observation": box(), "achieved_goal": box(), "desired_goal": box()})
+
+    @property
+    def action_space(self) -> spaces.Discrete:
+        """Moves in the order of `cellpilot.grid.ACTIONS`."""
+        return spaces.Discrete(self.world.grid.n_actions)
+
+    @cached_property
+    def rewards_follow_from_cells(self) -> bool:
+        """Whether the cell entered decides the reward: no noise, no map uncertainty, no reward for being stopped."""
+        certain = self.world.noise_std_db == 0 and not self.world.sinr_std_db.any()
+        return certain and (self.task.rho_blocked == 0 or not self.world.blocked.any())
+
+    def observation(self, cell: Any, goal: Any) -> Observation:
+        """New arrays `[..., dims]` for cells and goals `[...]`."""
+        here = self.coordinates[cell]
+        return {"observation": here, "achieved_goal": here.copy(), "desired_goal": self.coordinates[goal]}
+
+    def cells(self, coordinates: NDArray[np.floating]) -> IntArray:
+        """Cells `[...]` of achieved or desired goals `[..., dims]`."""
+        nearest = np.rint(np.asarray(coordinates) * self.sides - 1).astype(np.int64)
+        return np.asarray(nearest @ np.cumprod([1, *self.sides[:-1]]))
+
+    def draw_pairs(self, rng: np.random.Generator, n: int, options: Mapping[str, Any] | None = None) -> tuple[IntArray, IntArray]:
+        """Starts and goals `[n]`; `options` may fix either for once, as a position `(ix, iy, iz)` under `start` or `goal`."""
+        if not options:
+            return self.world.draw_pairs(rng, n, *self._usual_cells)
+        if unknown := options.keys() - {"start", "goal"}:
+            raise InputError(f"reset: unknown option {sorted(unknown)[0]!r}; expected start or goal, a position (ix, iy, iz)")
+        start, goal = _place(options.get("start", self.start)), _place(options.get("goal", self.goal))
+        return self.world.draw_pairs(rng, n, *self.world.start_goal_cells(start, goal))
+
+    def reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
+        """Rewards `[...]` of the recorded steps, had they been flown towards the desired goals `[..., dims]`.
+
+        Without facts in `info` the map is looked up, where that gives the same reward; else `InputError`.
+        """
+        cell = self.cells(achieved_goal)
+        sinr_db, blocked = _fact(info, "sinr_db"), _fact(info, "blocked")
+        if sinr_db is None or blocked is None:
+            if not self.rewards_follow_from_cells:
+                raise InputError(
+                    "compute_reward: info holds no sinr_db and blocked, but the reward depends on what was measured: "
+                    "pass the info of each step (Stable-Baselines3: replay_buffer_kwargs={'copy_info_dict': True})"
+                )
+            sinr_db, blocked = self.world.sinr_db[cell], np.zeros(cell.shape, bool)
+        # float32 as when it was measured, so that a value on the threshold falls on the same side.
+        facts = Transition(None, None, cell, sinr_db.astype(np.float32), blocked)
+        return self.task.outcome(facts, self.cells(desired_goal))[0]
+
+    def terminated(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any]) -> Any:
+        """Whether the desired goals `[...]` were entered."""
+        return self.cells(achieved_goal) == self.cells(desired_goal)
+
+    def truncated(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
+        """Whether the cap on steps ended the flights `[...]` before the desired goals were entered."""
+        n_steps = _fact(info, "n_steps")
+        if n_steps is None:
+            raise InputError("compute_truncated: info holds no n_steps; pass the info of each step")
+        return (n_steps >= self.task.max_steps) & ~self.terminated(achieved_goal, desired_goal)
+
+
+def _place(position: Sequence[int] | None) -> Position | None:
+    """A position of plain integers, so that a message shows it as it was written."""
+    if position is None:
+        return None
+    try:
+        ix, iy, iz = (operator.index(i) for i in position)
+    except (TypeError, ValueError):
+        raise InputError(f"reset: {position!r} is no position; expected three whole numbers (ix, iy, iz)") from None
+    return ix, iy, iz
+
+
+def _fact(info: Info, name: str) -> NDArray[Any] | None:
+    """One fact of all steps as an array; None where it was not recorded."""
+    if isinstance(info, Mapping):
+        return np.asarray(info[name]) if name in info else None
+    try:
+        return np.array([row[name] for row in info])
+    except KeyError:
+        return None
