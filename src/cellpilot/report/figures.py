@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from cellpilot.errors import InputError
 from cellpilot.provenance import write_atomically
+from cellpilot.report.adaptation import draw_adapt
 from cellpilot.report.content import Content
 from cellpilot.report.distributions import draw_altitude, draw_path_ratio_cdf, draw_return_cdf, draw_sinr_cdf
 from cellpilot.report.learning import draw_ablation, draw_sensitivity, draw_training
@@ -127,7 +128,11 @@ def draw_figures(run: Content, folder: Path) -> dict[str, Picture]:
     return pictures
 
 
-STUDIES: dict[str, Callable[[xr.Dataset], Figure]] = {"ablation": draw_ablation, "sensitivity": draw_sensitivity}
+STUDIES: dict[str, Callable[[xr.Dataset], Figure]] = {
+    "ablation": draw_ablation,
+    "adapt": draw_adapt,
+    "sensitivity": draw_sensitivity,
+}
 """Figures that need nothing of a run but one dataset, `STEM.nc`."""
 
 

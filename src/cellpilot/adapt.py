@@ -1,0 +1,232 @@
+"""From one map to another network: prepared on map A, deployed where the unknown truth is map B (`cellpilot adapt`).
+
+Every arm flies the same random start-goal pairs of a seed in B, and is scored after some of these flights on all pairs
+of B: 0 = greedy baseline, 1 = exact optimum.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cellpilot.errors import InputError
+from cellpilot.evaluate.deterministic import deterministic_figures, score
+from cellpilot.evaluate.statistics import mean_interval
+from cellpilot.experiment import make_map
+from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
+from cellpilot.policies import GreedyPolicy, OptimalPolicy, Policy
+from cellpilot.scenario import MapFile, MapSettings, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
+from cellpilot.task import Task
+from cellpilot.world import World
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from cellpilot.maps import RadioMap
+
+WHOLE_AREA_M = 100_000.0
+"""Holes of a log given as such are filled from neighbours this near: all of them, so that B has a truth everywhere."""
+CHECKPOINTS = (0, 1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1_000, 2_000, 5_000, 10_000)
+"""Numbers of flights after which policies are scored."""
+MAX_CELLS = 3_000
+"""Larger maps are refused: the posterior would hold more than 9 million covariances for each of the arms."""
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """What there is before the first flight, and the truth that only measurements show."""
+
+    task: Task
+    prepared: World  # map A on the grid of B; it may be wrong everywhere
+    truth: World  # map B, without uncertainty
+
+
+Arm = Callable[[Transfer, int, Sequence[int]], Iterator[Policy]]
+"""(transfer, seed, checkpoints) -> its deterministic policy after each number of flights, which are increasing."""
+
+
+def _map_learner(prior: bool) -> Arm:
+    def arm(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
+        known_db = transfer.prepared.sinr_db.astype(np.float64) if prior else None
+        for learner in learn_map(transfer.truth, transfer.task, MapLearnerSettings(), seed, checkpoints, known_db):
+            yield learner.policy()
+
+    return arm
+
+
+PRIOR, NOTHING = "map-prior", "map-nothing"
+ARMS: dict[str, Arm] = {PRIOR: _map_learner(prior=True), NOTHING: _map_learner(prior=False)}
+LABELS = {PRIOR: "map learner, A as prior", NOTHING: "map learner from nothing"}
+
+
+def checkpoints_up_to(flights: int) -> list[int]:
+    """Numbers of flights after which policies are scored, the last one among them."""
+    return [*(n for n in CHECKPOINTS if n < flights), flights]
+
+
+def adapt(
+    transfer: Transfer,
+    flights: int,
+    n_seeds: int,
+    arms: Sequence[str] = tuple(ARMS),
+    progress: Callable[[float], None] = lambda share: None,
+) -> "xr.Dataset":
+    """`score`, `reached_share` and `path_ratio_p90` over `(arm, seed, flights)`, on all pairs of the true map."""
+    import xarray as xr
+
+    world, task = transfer.truth, transfer.task
+    greedy, optimal = (deterministic_figures(world, task, p) for p in (GreedyPolicy(world), OptimalPolicy(world, task)))
+    if score(greedy, greedy, optimal) is None:
+        raise InputError("on map B the optimum is no better than the shortest path: choose a threshold that part of it misses")
+    checkpoints = checkpoints_up_to(flights)
+    names = ("score", "reached_share", "path_ratio_p90")
+    found = np.full((len(names), len(arms), n_seeds, len(checkpoints)), np.nan)
+    for i, name in enumerate(arms):
+        for seed in range(n_seeds):
+            for k, policy in enumerate(ARMS[name](transfer, seed, checkpoints)):
+                figures = deterministic_figures(world, task, policy)
+                row = (score(figures, greedy, optimal), figures.reached_share, figures.path_ratio_p90)
+                found[:, i, seed, k] = [np.nan if value is None else value for value in row]
+                progress((i * n_seeds + seed + (k + 1) / len(checkpoints)) / (len(arms) * n_seeds))
+    dims = ("arm", "seed", "flights")
+    return xr.Dataset(
+        {name: (dims, found[i], {"units": "1"}) for i, name in enumerate(names)},
+        coords={"arm": list(arms), "seed": np.arange(n_seeds), "flights": checkpoints},
+        attrs={
+            "threshold_db": task.threshold_db,
+            "noise_std_db": world.noise_std_db,
+            "greedy_return": greedy.return_mean,
+            "optimal_return": optimal.return_mean,
+            "labels": json.dumps({name: LABELS[name] for name in arms}),
+        },
+    )
+
+
+def verdict(data: "xr.Dataset", good: float = 0.9) -> list[str]:
+    """In words: how A as a prior compares with none, over the flights, seed by seed."""
+    if not {PRIOR, NOTHING} <= set(data["arm"].values.tolist()):
+        return []
+    flights = data["flights"].values
+    prior, nothing = (data["score"].sel(arm=name).values for name in (PRIOR, NOTHING))
+    intervals = [mean_interval(difference) for difference in (prior - nothing).T]
+    lines = []
+    for ahead, what in ((lambda low, high: low > 0, "helps"), (lambda low, high: high < 0, "harms")):
+        at = [int(n) for n, interval in zip(flights, intervals, strict=True) if ahead(*interval)]
+        if at:
+            lines.append(f"the prior {what} (95 % interval of the paired difference beyond 0) after {_listed(at)} flights")
+    if not lines:
+        lines.append("no number of flights shows a difference between prior and none (95 % intervals of the paired difference)")
+    needed = [
+        next((int(n) for n, s in zip(flights, curve.mean(0), strict=True) if s >= good), None) for curve in (prior, nothing)
+    ]
+    told = ["never" if n is None else f"after {n}" for n in needed]
+    lines.append(f"mean score {good:g}: {told[0]} with the prior, {told[1]} without")
+    return lines
+
+
+def _listed(numbers: list[int]) -> str:
+    return ", ".join(str(n) for n in numbers)
+
+
+def read_place(text: str, bin_m: float) -> tuple[MapSettings, Scenario | None]:
+    """What A or B names: a RadioMap file (.nc), a measured log (.csv), or a scenario by file or name."""
+    if text.endswith(".nc"):
+        return MapFile(path=Path(text)), None
+    if text.endswith(".csv"):
+        return MeasuredMap(logs=(Path(text),), bin_m=bin_m, fill_radius_m=WHOLE_AREA_M), None
+    scenario = load_scenario(find_scenario(text))
+    return scenario.map, scenario
+
+
+def make_transfer_maps(a: MapSettings, b: MapSettings, calibration: MapSettings | None = None) -> tuple["RadioMap", "RadioMap"]:
+    """Maps A and B on their common grid.
+
+    Where B is measured, a simulated A is simulated on the grid of B, and a measured A is gridded in the bins of B. Of
+    two maps of one height each, A may be of another height than B. Only the rectangle that both cover is kept. With
+    `calibration` (a map of the same network that is known beforehand, such as another height), a constant is added to
+    A that makes its mean that of the calibration. `InputError` if the grids cannot be brought together.
+    """
+    map_b = make_map(b)
+    map_a = _beside(a, map_b)
+    if calibration is not None:
+        known = _beside(calibration, map_b)["sinr_db"].values
+        map_a = map_a.assign(sinr_db=map_a["sinr_db"] + np.float32(np.nanmean(known) - np.nanmean(map_a["sinr_db"].values)))
+    return common_grid(map_a, map_b)
+
+
+def _beside(settings: MapSettings, other: "RadioMap") -> "RadioMap":
+    """The map of the settings, in the bins of the other one where it can be chosen."""
+    from cellpilot.maps import anchor_of, import_logs
+
+    if isinstance(settings, SimulatedMap) and other.attrs["source"] != "simulation":
+        x_m, y_m = other["x"].values, other["y"].values
+        if min(x_m.size, y_m.size) < 2:
+            raise InputError("map B has a single row of cells: nothing to simulate on")
+        half_m = (x_m[1] - x_m[0]) / 2
+        on_grid = {
+            "x_range_m": (float(x_m[0] - half_m), float(x_m[-1] + half_m)),
+            "y_range_m": (float(y_m[0] - half_m), float(y_m[-1] + half_m)),
+            "bin_m": float(2 * half_m),
+            "heights_m": tuple(float(z) for z in other["z"].values),
+        }
+        return make_map(settings.model_copy(update=on_grid))
+    anchor = anchor_of(other)
+    if isinstance(settings, MeasuredMap) and settings.logs and anchor is not None:
+        return import_logs(
+            settings.logs,
+            altitude_m=settings.altitude_m,
+            bin_m=settings.bin_m,
+            fill_radius_m=settings.fill_radius_m,
+            mask=None if settings.mask == "none" else settings.mask,
+            unknown=settings.unknown,
+            anchor=anchor,
+        )
+    return make_map(settings)
+
+
+def common_grid(map_a: "RadioMap", map_b: "RadioMap") -> tuple["RadioMap", "RadioMap"]:
+    """Both maps cut to the cells they share; `InputError` if their bins do not coincide or nothing is shared."""
+    from cellpilot.maps import anchor_of
+
+    anchors = anchor_of(map_a), anchor_of(map_b)
+    if None not in anchors and anchors[0] != anchors[1]:
+        raise InputError(
+            f"the maps have different anchors, {anchors[0]} and {anchors[1]}: give the logs, or import both with one"
+        )
+    heights = map_a["z"].values, map_b["z"].values
+    if len(heights[0]) == len(heights[1]) == 1:
+        map_a = map_a.assign_coords(z=map_b["z"])
+    elif not np.array_equal(*heights):
+        shown = [", ".join(f"{z:g}" for z in z_m) for z_m in heights]
+        raise InputError(f"the grids differ: heights {shown[0]} m in A, {shown[1]} m in B; expected the same")
+    ranges = {axis: _shared(axis, map_a[axis].values, map_b[axis].values) for axis in "xy"}
+    return tuple(m.isel({axis: slice(*ranges[axis][i]) for axis in "xy"}) for i, m in enumerate((map_a, map_b)))  # type: ignore[return-value]
+
+
+def _shared(axis: str, a_m: np.ndarray, b_m: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First and last index (exclusive) of the shared centres in each of two axes."""
+    sides = [float(m[1] - m[0]) if len(m) > 1 else None for m in (a_m, b_m)]
+    if None not in sides and not np.isclose(sides[0], sides[1]):  # type: ignore[arg-type]
+        raise InputError(f"the grids differ: bins of {sides[0]:g} m in A, {sides[1]:g} m in B along {axis}; expected the same")
+    shared = [i for i, centre in enumerate(a_m) if np.isclose(b_m, centre, rtol=0, atol=1e-3).any()]
+    if not shared:
+        where = [f"{m[0]:g} to {m[-1]:g}" for m in (a_m, b_m)]
+        raise InputError(f"the grids differ: centres along {axis} from {where[0]} m in A, {where[1]} m in B; none is shared")
+    first = int(np.flatnonzero(np.isclose(b_m, a_m[shared[0]], rtol=0, atol=1e-3))[0])
+    return (shared[0], shared[-1] + 1), (first, first + len(shared))
+
+
+def make_transfer(map_a: "RadioMap", map_b: "RadioMap", task: Task, noise_std_db: float) -> Transfer:
+    """The transfer between two maps of one grid; holes of A are its mean at their height.
+
+    What is uncertain about a measured B is set aside: its map is the truth. `InputError` for a map that is too large.
+    """
+    truth = World.from_map(map_b, noise_std_db)
+    if truth.grid.n_cells > MAX_CELLS:
+        raise InputError(f"the maps have {truth.grid.n_cells:,} cells; adapt can hold {MAX_CELLS:,}: use larger bins or a part")
+    truth = replace(truth, sinr_std_db=np.zeros_like(truth.sinr_std_db))
+    prepared_db = without_holes(truth.grid, map_a["sinr_db"].values.ravel().astype(np.float64), task.threshold_db)
+    return Transfer(task, replace(truth, sinr_db=prepared_db.astype(np.float32)), truth)
