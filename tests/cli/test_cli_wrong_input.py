@@ -349,6 +349,7 @@ def test_a_policy_of_another_grid_is_refused_by_plan(desk: Path, cli: Cli) -> No
 def test_an_unknown_flag_is_refused_by_every_verb(desk: Path, cli: Cli, verb: str) -> None:
     calls = {
         "map": ["map", "info", "plain.nc"],
+        "adapt": ["adapt", "plain.nc", "blocked.nc"],
         "evaluate": ["evaluate", "run"],
         "report": ["report", "run"],
         "plan": ["plan", "plain.nc", *PLACES],
