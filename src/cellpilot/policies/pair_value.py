@@ -46,6 +46,14 @@ def distance(sides: Sides, cell: Any, goal: Any) -> Any:
     return sum(abs(a - b) for a, b in zip(here, there, strict=True))
 
 
+def neighbour(sides: Sides, cell: Any, offsets: Any) -> Any:
+    """The cells at `offsets [3, ...]` from each cell, moved to the border where they lie outside."""
+    x, y, z = (
+        (here + offset).clip(0, side - 1) for here, offset, side in zip(_coordinates(sides, cell), offsets, sides, strict=True)
+    )
+    return (z * sides[1] + y) * sides[0] + x
+
+
 def penalty_free_value(task: Task, steps: Any) -> Any:
     """Discounted return of a flight that needs `steps` moves and never meets low SINR; it bounds the value from above."""
     gamma = task.discount

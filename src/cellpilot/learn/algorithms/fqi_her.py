@@ -2,7 +2,8 @@
 
 A round: all flights fly some steps and measure; goals are drawn from all cells flights have entered (hindsight: any of
 them could have been the goal); the averaged network values every cell for these goals, and known moves with the learned
-penalty turn that into targets; the network is fitted to the pairs, those with large errors more often. With
+penalty turn that into targets, which are kept until their goal's turn comes again; the network is fitted to pairs of cell
+and goal drawn from all targets kept, those with large errors more often. With
 `penalty_model` off the penalty of a move is that of one stored measurement, replayed, and the network alone decides:
 model-free as far as the radio is concerned. The moves of the grid are known to both.
 """
@@ -26,7 +27,7 @@ from cellpilot.learn.losses import huber
 from cellpilot.learn.pair_network import PairNetwork, corrections
 from cellpilot.learn.penalty import Measurements, measure, no_measurements, penalty_model, replayed_penalty
 from cellpilot.policies.learned import PolicyParameters
-from cellpilot.policies.pair_value import ARCHITECTURE, distance, upper_bound
+from cellpilot.policies.pair_value import ARCHITECTURE, distance, neighbour, upper_bound
 from cellpilot.task import Task
 
 
@@ -44,6 +45,18 @@ class Flights:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class TargetCache:
+    """Targets of all cells for many goals, a column for each; each round renews the oldest ones."""
+
+    goal: Int[Array, " columns"]
+    target: Float[Array, "columns cells"]
+    error: Float[Array, "columns cells"]  # of the averaged network, when the column was new
+    useful: Bool[Array, "columns cells"]  # false where there is nothing to learn: the goal itself, cells cut off from it
+    renewed: Int[Array, " cells"]  # round after which each goal was renewed last
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class FittedState:
     """Everything that training changes."""
 
@@ -51,6 +64,7 @@ class FittedState:
     average: PairNetwork
     optimizer: AdamState
     memory: Measurements
+    cache: TargetCache
     flights: Flights
     blocked: Bool[Array, " cells"]
     round: Int[Array, ""]
@@ -87,6 +101,7 @@ def initial_state(settings: FQIHER, arena: Arena, seed: Int[Array, ""] | int) ->
         average=jax.tree.map(jnp.copy, network),
         optimizer=init_adam(network),
         memory=no_measurements(arena.n_cells, settings.stored_per_cell),
+        cache=_empty_cache(min(settings.cached_goals, arena.n_cells), arena.n_cells),
         flights=_new_flights(key_flights, arena, settings.flights),
         blocked=arena.part < 0,
         round=jnp.int32(0),
@@ -199,19 +214,37 @@ def targets(
     return target, jnp.abs(target - values.mean(0))
 
 
+def renew_targets(
+    key: Array, settings: FQIHER, arena: Arena, task: Task, state: FittedState, penalty: Float[Array, " cells"]
+) -> TargetCache:
+    """The cache with new columns for `goals_per_round` hindsight goals, those first that have waited longest."""
+    key_goals, key_targets = jax.random.split(key)
+    cache = state.cache
+    waited = state.round - cache.renewed  # goals not entered by any flight come last, impossible ones never before them
+    urgency = waited + jax.random.uniform(key_goals, waited.shape) + 1e6 * (state.memory.count > 0) + 1e7 * arena.may_be_goal
+    goals = jax.lax.top_k(urgency, min(settings.goals_per_round, cache.goal.size))[1]
+    target, error = targets(key_targets, settings, arena, task, state, penalty, goals)
+    useful = arena.part[:, None] == arena.part[goals][None, :]
+    if settings.penalty_model:  # the value of being in the goal is 0 and needs no learning
+        useful = useful & (jnp.arange(arena.n_cells)[:, None] != goals[None, :])
+    column = (state.round * goals.size + jnp.arange(goals.size)) % cache.goal.size
+    return TargetCache(
+        cache.goal.at[column].set(goals),
+        cache.target.at[column].set(target.T),
+        cache.error.at[column].set(jnp.where(useful, error, 0.0).T),
+        cache.useful.at[column].set(useful.T),
+        cache.renewed.at[goals].set(state.round + 1),
+    )
+
+
 def optimize(
     key: Array, settings: FQIHER, arena: Arena, task: Task, state: FittedState, penalty: Float[Array, " cells"]
 ) -> FittedState:
-    """Fit the networks to the targets of some hindsight goals, `updates_per_round` steps of Adam."""
-    key_goals, key_targets, key_pairs, key_even = jax.random.split(key, 4)
-    goals = _hindsight_goals(key_goals, settings, arena, state.memory)
-    target, error = targets(key_targets, settings, arena, task, state, penalty, goals)
-    of_use = arena.part[:, None] == arena.part[goals][None, :]
-    if settings.penalty_model:  # the value of being in the goal is 0 and needs no learning
-        of_use = of_use & (jnp.arange(arena.n_cells)[:, None] != goals[None, :])
-    near = of_use & (distance(arena.sides, jnp.arange(arena.n_cells)[:, None], goals[None, :]) <= settings.near_steps)
-    chosen = _draw_pairs(key_pairs, key_even, settings, error, of_use, near)
-    cells, columns = chosen // goals.size, chosen % goals.size
+    """Fit the networks to the cached targets, `updates_per_round` steps of Adam."""
+    cache = state.cache
+    column, cells = draw_pairs(
+        key, settings, arena, cache, jnp.minimum((state.round + 1) * settings.goals_per_round, cache.goal.size)
+    )
     rate = learning_rate_at(settings, state.round)
     model = penalty if settings.penalty_model else None
 
@@ -219,18 +252,40 @@ def optimize(
         carry: tuple[PairNetwork, PairNetwork, AdamState], batch: tuple[Array, ...]
     ) -> tuple[tuple[PairNetwork, PairNetwork, AdamState], None]:
         online, average, adam = carry
-        cell, goal, wanted = batch
+        cell, goal, wanted, useful = batch
 
         def loss(network: PairNetwork) -> Array:
-            return huber(pair_values(network, arena, task, model, cell, goal)[0] - wanted).mean(-1).sum()
+            return (useful * huber(pair_values(network, arena, task, model, cell, goal)[0] - wanted)).mean(-1).sum()
 
         online, adam = adam_step(online, jax.grad(loss)(online), adam, rate)
         average = jax.tree.map(lambda a, b: a + settings.averaging * (b - a), average, online)
         return (online, average, adam), None
 
-    batches = (cells, goals[columns], target[cells, columns])
+    batches = (cells, cache.goal[column], cache.target[column, cells], cache.useful[column, cells])
     (online, average, adam), _ = jax.lax.scan(update, (state.online, state.average, state.optimizer), batches)
     return eqx.tree_at(lambda s: (s.online, s.average, s.optimizer), state, (online, average, adam))
+
+
+def draw_pairs(
+    key: Array, settings: FQIHER, arena: Arena, cache: TargetCache, n_columns: Int[Array, ""]
+) -> tuple[Int[Array, "updates batch"], Int[Array, "updates batch"]]:
+    """Columns and cells of every mini-batch: shares `prioritised` in proportion to the error, `near` the goal, the rest even."""
+    shape = (settings.updates_per_round, settings.batch_size)
+    n_urgent, n_near = int(settings.prioritised * shape[1]), int(settings.near * shape[1])
+    key_column, key_cell, key_near, key_urgent, key_level = jax.random.split(key, 5)
+    column = jax.random.randint(key_column, shape, 0, n_columns)
+    cell = jax.random.randint(key_cell, shape, 0, arena.n_cells)
+    offsets = jax.random.randint(key_near, (3, shape[0], n_near), -settings.near_cells, settings.near_cells + 1)
+    near = neighbour(arena.sides, cache.goal[column[:, n_urgent : n_urgent + n_near]], offsets)
+    edges = jnp.cumsum(cache.error, 1)
+    by_column = jnp.cumsum(edges[:, -1])
+    level = jax.random.uniform(key_urgent, (shape[0] * n_urgent,)) * by_column[-1]
+    urgent = jnp.minimum(jnp.searchsorted(by_column, level), by_column.size - 1)
+    level = jax.random.uniform(key_level, level.shape) * edges[urgent, -1]
+    urgent_cell = jax.vmap(lambda row, level: jnp.searchsorted(edges[row], level))(urgent, level)
+    column = column.at[:, :n_urgent].set(urgent.reshape(-1, n_urgent))
+    cell = cell.at[:, :n_urgent].set(jnp.minimum(urgent_cell, arena.n_cells - 1).reshape(-1, n_urgent))
+    return column, cell.at[:, n_urgent : n_urgent + n_near].set(near)
 
 
 def run_round(key: Array, settings: FQIHER, arena: Arena, task: Task, state: FittedState) -> tuple[FittedState, RoundStatistics]:
@@ -241,7 +296,11 @@ def run_round(key: Array, settings: FQIHER, arena: Arena, task: Task, state: Fit
     flown = settings.flights * settings.steps_per_round
     after = (memory, flights, state.env_steps + flown)
     state = eqx.tree_at(lambda s: (s.memory, s.flights, s.env_steps), state, after)
-    state = optimize(key_fit, settings, arena, task, state, penalty_model(memory, task.threshold_db))
+    penalty = penalty_model(memory, task.threshold_db)
+    key_targets, key_pairs = jax.random.split(key_fit)
+    cache = renew_targets(key_targets, settings, arena, task, state, penalty)
+    state = eqx.tree_at(lambda s: s.cache, state, cache)
+    state = optimize(key_pairs, settings, arena, task, state, penalty)
     return eqx.tree_at(lambda s: s.round, state, state.round + 1), statistics
 
 
@@ -305,27 +364,6 @@ def _unknown_db(arena: Arena, number: UInt32[Array, " flights"], cell: Int[Array
     return arena.sinr_std_db[cell] * jax.vmap(draw)(number, cell)
 
 
-def _hindsight_goals(key: Array, settings: FQIHER, arena: Arena, memory: Measurements) -> Int[Array, " goals"]:
-    """Different cells that flights have entered, all alike; other possible goals only while too few were entered."""
-    score = jax.random.uniform(key, (arena.n_cells,)) + (memory.count > 0) + 2.0 * arena.may_be_goal
-    return jax.lax.top_k(score, min(settings.goals_per_round, arena.n_cells))[1]
-
-
-def _draw_pairs(
-    key: Array,
-    key_even: Array,
-    settings: FQIHER,
-    error: Array,
-    of_use: Bool[Array, "cells goals"],
-    near: Bool[Array, "cells goals"],
-) -> Int[Array, "updates batch"]:
-    """Pairs as flat indices: shares `prioritised` in proportion to the error and `near` to the goal, the others all alike."""
-    share = lambda weight: weight / jnp.maximum(weight.sum(), 1e-9)
-    even = 1 - settings.prioritised - settings.near
-    chance = settings.prioritised * share(jnp.where(of_use, error, 0.0)) + settings.near * share(near) + even * share(of_use)
-    edges = jnp.cumsum(chance.ravel())
-    n = settings.updates_per_round * settings.batch_size
-    # Stratified: the sorted draws walk through the cumulated chance once; shuffled, every batch is a fair sample.
-    level = (jnp.arange(n) + jax.random.uniform(key, (n,))) / n * edges[-1]
-    drawn = jnp.minimum(jnp.searchsorted(edges, level, method="sort"), edges.size - 1)
-    return jax.random.permutation(key_even, drawn).reshape(settings.updates_per_round, settings.batch_size)
+def _empty_cache(columns: int, n_cells: int) -> TargetCache:
+    zero = jnp.zeros((columns, n_cells))
+    return TargetCache(jnp.zeros(columns, jnp.int32), zero, zero, zero > 0, jnp.zeros(n_cells, jnp.int32))

@@ -26,7 +26,8 @@ class FQIHER:
     penalty_model: bool = True
     prioritised: float = 0.4
     near: float = 0.3
-    near_steps: int = 8
+    near_cells: int = 3
+    cached_goals: int = 2000
     networks: int = 1
     hidden_units: int = 64
     learning_rate: float = 1e-2
