@@ -6,9 +6,10 @@ of B: 0 = greedy baseline, 1 = exact optimum.
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -16,8 +17,9 @@ from cellpilot.errors import InputError
 from cellpilot.evaluate.deterministic import deterministic_figures, score
 from cellpilot.evaluate.statistics import mean_interval
 from cellpilot.experiment import make_map
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
-from cellpilot.policies import GreedyPolicy, OptimalPolicy, Policy
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
 from cellpilot.scenario import MapFile, MapSettings, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
 from cellpilot.task import Task
 from cellpilot.world import World
@@ -25,6 +27,8 @@ from cellpilot.world import World
 if TYPE_CHECKING:
     import xarray as xr
 
+    from cellpilot.learn.algorithms.fqi_her import FittedState
+    from cellpilot.learn.trainer import TrainingResult
     from cellpilot.maps import RadioMap
 
 WHOLE_AREA_M = 100_000.0
@@ -35,7 +39,7 @@ MAX_CELLS = 3_000
 """Larger maps are refused: the posterior would hold more than 9 million covariances for each of the arms."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Transfer:
     """What there is before the first flight, and the truth that only measurements show."""
 
@@ -57,9 +61,36 @@ def _map_learner(prior: bool) -> Arm:
     return arm
 
 
-PRIOR, NOTHING = "map-prior", "map-nothing"
-ARMS: dict[str, Arm] = {PRIOR: _map_learner(prior=True), NOTHING: _map_learner(prior=False)}
-LABELS = {PRIOR: "map learner, A as prior", NOTHING: "map learner from nothing"}
+@lru_cache(maxsize=256)
+def _trained(transfer: Transfer, seed: int) -> "TrainingResult":
+    """FQI-HER trained on map A, once for all arms."""
+    from cellpilot.envs.arena import make_arena
+    from cellpilot.learn.trainer import train
+
+    return train(FQIHER(), transfer.task, make_arena(transfer.prepared), seed)
+
+
+def _frozen(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
+    grid = transfer.truth.grid
+    parameters = _trained(transfer, seed).policy_parameters(grid.sides, {"task": asdict(transfer.task)})
+    yield from [LearnedPolicy(parameters, grid)] * len(checkpoints)
+
+
+def _online(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
+    from cellpilot.learn.algorithms.fqi_her_online import learn_online
+
+    state = cast("FittedState", _trained(transfer, seed).state)
+    yield from learn_online(state, FQIHER(), transfer.truth, transfer.task, seed, checkpoints)
+
+
+PRIOR, NOTHING, FROZEN, ONLINE = "map-prior", "map-nothing", "deep-frozen", "deep-online"
+ARMS: dict[str, Arm] = {PRIOR: _map_learner(prior=True), NOTHING: _map_learner(prior=False), FROZEN: _frozen, ONLINE: _online}
+LABELS = {
+    PRIOR: "map learner, A as prior",
+    NOTHING: "map learner from nothing",
+    FROZEN: "deep policy of A, frozen",
+    ONLINE: "deep policy of A, learns on",
+}
 
 
 def checkpoints_up_to(flights: int) -> list[int]:
@@ -86,10 +117,12 @@ def adapt(
     found = np.full((len(names), len(arms), n_seeds, len(checkpoints)), np.nan)
     for i, name in enumerate(arms):
         for seed in range(n_seeds):
+            scored: tuple[Policy | None, tuple[float | None, ...]] = (None, ())
             for k, policy in enumerate(ARMS[name](transfer, seed, checkpoints)):
-                figures = deterministic_figures(world, task, policy)
-                row = (score(figures, greedy, optimal), figures.reached_share, figures.path_ratio_p90)
-                found[:, i, seed, k] = [np.nan if value is None else value for value in row]
+                if policy is not scored[0]:
+                    figures = deterministic_figures(world, task, policy)
+                    scored = policy, (score(figures, greedy, optimal), figures.reached_share, figures.path_ratio_p90)
+                found[:, i, seed, k] = [np.nan if value is None else value for value in scored[1]]
                 progress((i * n_seeds + seed + (k + 1) / len(checkpoints)) / (len(arms) * n_seeds))
     dims = ("arm", "seed", "flights")
     return xr.Dataset(

@@ -9,8 +9,9 @@ import pytest
 import xarray as xr
 
 from cellpilot.adapt import (
-    ARMS,
+    FROZEN,
     NOTHING,
+    ONLINE,
     PRIOR,
     adapt,
     checkpoints_up_to,
@@ -21,11 +22,13 @@ from cellpilot.adapt import (
     verdict,
 )
 from cellpilot.errors import InputError
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.maps import Anchor, RadioMap, make_map
 from cellpilot.scenario import MeasuredMap, SimulatedMap
 from cellpilot.task import Task
 
 TASK = Task(max_steps=140)
+MAP_ARMS = (PRIOR, NOTHING)
 SYNTHETIC = {height_m: Path(str(files("cellpilot") / "data" / f"synthetic_{height_m}m.csv")) for height_m in (30, 50)}
 
 
@@ -137,12 +140,12 @@ def test_a_too_large_map_is_refused() -> None:
 def test_curves_repeat_and_only_the_arm_with_a_prior_knows_a() -> None:
     b = hills()
     transfer = make_transfer(hills(level_db=-4.0), b, TASK, 1.0)
-    data = adapt(transfer, 3, 2)
+    data = adapt(transfer, 3, 2, MAP_ARMS)
     assert data["flights"].values.tolist() == [0, 1, 2, 3]
     assert data["score"].dims == ("arm", "seed", "flights")
     assert (data["reached_share"].values == 1.0).all()
-    xr.testing.assert_identical(adapt(transfer, 3, 2), data)
-    other = adapt(make_transfer(hills(phase=1.5), b, TASK, 1.0), 3, 2)
+    xr.testing.assert_identical(adapt(transfer, 3, 2, MAP_ARMS), data)
+    other = adapt(make_transfer(hills(phase=1.5), b, TASK, 1.0), 3, 2, MAP_ARMS)
     np.testing.assert_array_equal(other["score"].sel(arm=NOTHING), data["score"].sel(arm=NOTHING))
     assert (other["score"].sel(arm=PRIOR) != data["score"].sel(arm=PRIOR)).any()
     seeds = data["score"].sel(arm=NOTHING, flights=3).values
@@ -150,8 +153,8 @@ def test_curves_repeat_and_only_the_arm_with_a_prior_knows_a() -> None:
 
 
 def test_a_right_prior_is_near_the_optimum_before_the_first_flight() -> None:
-    data = adapt(make_transfer(hills(), hills(), TASK, 0.0), 1, 1)
-    before = {arm: float(data["score"].sel(arm=arm, flights=0, seed=0)) for arm in ARMS}
+    data = adapt(make_transfer(hills(), hills(), TASK, 0.0), 1, 1, MAP_ARMS)
+    before = {arm: float(data["score"].sel(arm=arm, flights=0, seed=0)) for arm in MAP_ARMS}
     assert before[PRIOR] > 0.8
     assert before[PRIOR] > before[NOTHING] + 0.3
 
@@ -179,3 +182,15 @@ def test_words_about_a_prior_that_helps_first_and_harms_later() -> None:
     assert harms.endswith("after 20 flights")
     assert needed == "mean score 0.9: after 5 with the prior, after 5 without"
     assert verdict(data.sel(arm=[PRIOR])) == []
+
+
+def test_the_deep_arms_know_a_and_only_one_of_them_learns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "cellpilot.adapt.FQIHER", lambda: FQIHER(rounds=30, updates_per_round=15, flights=16, batch_size=256, hidden_units=32)
+    )
+    data = adapt(make_transfer(hills(), hills(phase=1.5), TASK, 0.0), 10, 1, (FROZEN, ONLINE))
+    frozen, online = (data["score"].sel(arm=arm, seed=0).values for arm in (FROZEN, ONLINE))
+    assert (frozen == frozen[0]).all()
+    assert online[-1] > frozen[0] + 0.2
+    same = adapt(make_transfer(hills(), hills(), TASK, 0.0), 1, 1, (FROZEN,))["score"].values
+    assert same[0, 0, 0] > 0.8

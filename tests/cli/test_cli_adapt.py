@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from cli_tools import TINY, Cli, assert_refused, tree
 
-FEW = ("--flights", "2", "--seeds", "2", "--out", "study")
+FEW = ("--flights", "2", "--seeds", "2", "--arms", "map-prior", "map-nothing", "--out", "study")
 
 
 def test_it_leaves_curves_maps_and_a_picture(place: Path, cli: Cli) -> None:
@@ -31,7 +31,7 @@ def test_it_leaves_curves_maps_and_a_picture(place: Path, cli: Cli) -> None:
 
 def test_the_task_is_that_of_scenario_b_unless_a_flag_says_otherwise(place: Path, cli: Cli) -> None:
     for flags, expected in (((), 5.0), (("--task.threshold-db", "6"), 6.0)):
-        assert cli("adapt", "plain.nc", "tiny.toml", "--arms", "map-nothing", *FEW, *flags).code == 0
+        assert cli("adapt", "plain.nc", "tiny.toml", *FEW, "--arms", "map-nothing", *flags).code == 0
         with xr.open_dataset(place / "study" / "adapt.nc", engine="h5netcdf") as data:
             assert data.attrs["threshold_db"] == expected
             assert data["arm"].values.tolist() == ["map-nothing"]

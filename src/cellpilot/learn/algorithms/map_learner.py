@@ -173,8 +173,8 @@ def learn_map(
     for checkpoint in checkpoints:
         while learner.n_flights < checkpoint:
             flight = learner.n_flights
-            pair = sample_pairs(np.random.default_rng([seed, 1, flight]), world, 1)
-            learner.fly(int(pair.start[0]), int(pair.goal[0]), receiver(world, seed, flight))
+            start, goal = start_and_goal(world, seed, flight)
+            learner.fly(start, goal, receiver(world, seed, flight))
         yield learner
 
 
@@ -187,6 +187,12 @@ def without_holes(grid: Grid, prior_mean_db: FloatArray | None, threshold_db: fl
         known = np.isfinite(level)
         level[~known] = level[known].mean() if known.any() else threshold_db
     return by_height.ravel()
+
+
+def start_and_goal(world: World, seed: int, flight: int) -> tuple[int, int]:
+    """Cells between which a flight leads, drawn from all pairs that can reach each other."""
+    pair = sample_pairs(np.random.default_rng([seed, 1, flight]), world, 1)
+    return int(pair.start[0]), int(pair.goal[0])
 
 
 def receiver(world: World, seed: int, flight: int) -> Callable[[int], float]:
