@@ -41,6 +41,7 @@ FILES = {
     "ablation.nc",
     "sensitivity",
     "sensitivity.nc",
+    "tensorboard",
 }
 """Everything a run folder can hold; only a folder with nothing else is ever replaced."""
 

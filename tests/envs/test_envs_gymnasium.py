@@ -388,7 +388,7 @@ def test_without_gymnasium_the_extra_is_named() -> None:
 
 def test_unknown_names_are_gymnasiums_error() -> None:
     for make in (gymnasium.make, gymnasium.make_vec):
-        with pytest.raises(gymnasium.error.NameNotFound, match="Thesis4D.*in namespace cellpilot. Did you mean: `Thesis"):
+        with pytest.raises(gymnasium.error.NameNotFound, match=r"Thesis4D.*in namespace cellpilot. Did you mean: `Thesis"):
             make("cellpilot/Thesis4D-v0")
         with pytest.raises(gymnasium.error.VersionNotFound, match="`v3` for environment `cellpilot/Thesis2D` doesn't exist"):
             make("cellpilot/Thesis2D-v3")

@@ -14,10 +14,11 @@ from cellpilot.cli.options import ScenarioOptions, command_line, parse, parse_sc
 from cellpilot.errors import InputError
 from cellpilot.experiment import divergence_warning, make_learner, threshold_warning
 from cellpilot.runs import Run, create_run, evaluate_run, is_occupied, open_run, payload, save_evaluation, train_runs
+from cellpilot.scalars import ask_for_log, log_evaluation, logged_progress, require_writer
 from cellpilot.scenario import EvaluationSettings, Paths, Settings
 
 if TYPE_CHECKING:
-    from cellpilot.learn.trainer import TrainingResult
+    from cellpilot.learn.trainer import TrainingProgress, TrainingResult
 
 
 class RunOptions(ScenarioOptions):
@@ -27,6 +28,7 @@ class RunOptions(ScenarioOptions):
     seed: int = Field(0, ge=0, lt=2**31, description="seed of the learner (the map's is --map.shadowing-seed)")
     seeds: int = Field(1, ge=1, le=1000, description="train seeds SEED to SEED+N-1 at once, each in a folder OUT-seedK")
     force: bool = Field(False, description="replace a run that is already in the folder")
+    tensorboard: bool = Field(False, description="write scalars for TensorBoard to RUN/tensorboard (extra tb)")
     evaluation: EvaluationSettings = EvaluationSettings()
 
 
@@ -34,6 +36,7 @@ class ResumeOptions(Settings):
     """Options of `run --resume` and `train --resume`."""
 
     resume: Paths = Field(description="run folders to go on with, all seeds at once; their own settings and seeds hold")
+    tensorboard: bool = Field(False, description="write scalars for TensorBoard from now on (extra tb)")
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -51,6 +54,7 @@ def main(arguments: Sequence[str]) -> int:
         save_evaluation(run, evaluation)
         report = write_report(run.folder)
         figures.append(payload(run, evaluation)["policies"])
+        log_evaluation(run.folder, figures[-1], make_learner(run.scenario.learner).rounds)
         if len(runs) == 1:
             out.print(text_table(payload(run, evaluation)))
         out.print(f"report: {report}")
@@ -62,16 +66,18 @@ def main(arguments: Sequence[str]) -> int:
 def prepare(arguments: Sequence[str], verb: str, description: str) -> list[Run]:
     """The runs to train, one per seed: new folders, or those named by `--resume`."""
     if any(argument.startswith("--resume") for argument in arguments):
-        folders = parse(ResumeOptions, arguments, f"cellpilot {verb}", description).resume
-        if not folders:
+        resumed = parse(ResumeOptions, arguments, f"cellpilot {verb}", description)
+        if not resumed.resume:
             raise InputError("--resume: expected the folder of a run, found none")
-        use_all_cores(len(folders))
-        return [open_run(folder) for folder in folders]
+        use_all_cores(len(resumed.resume))
+        return _logged([open_run(folder) for folder in resumed.resume], resumed.tensorboard)
     description += f" To go on with an interrupted run: cellpilot {verb} --resume RUN ..."
     options, scenario = parse_scenario(RunOptions, arguments, verb, description)
     seeds = range(options.seed, options.seed + options.seeds)
     if seeds[-1] >= 2**31:
         raise InputError(f"--seed {options.seed} --seeds {options.seeds}: the last seed has to be below {2**31}")
+    if options.tensorboard:
+        require_writer()
     use_all_cores(options.seeds)
     base = options.out or Path("runs") / scenario.name
     alone = options.out is not None and options.seeds == 1
@@ -80,15 +86,28 @@ def prepare(arguments: Sequence[str], verb: str, description: str) -> list[Run]:
         is_occupied(folder, options.force)
     runs = [create_run(new[i], scenario, seed, command_line(), options.force) for i, seed in enumerate(seeds)]
     warn(threshold_warning(runs[0].world, runs[0].task.threshold_db))
+    return _logged(runs, options.tensorboard)
+
+
+def _logged(runs: list[Run], tensorboard: bool) -> list[Run]:
+    if tensorboard:
+        for run in runs:
+            ask_for_log(run.folder)
     return runs
 
 
 def train_with_bar(runs: Sequence[Run]) -> "list[TrainingResult] | None":
     """Train and say how it went; None if it was interrupted."""
     learner = make_learner(runs[0].scenario.learner)
+    bar = training_bar(learner.rounds, learner.counts, learner.explores_by)
     try:
-        with training_bar(learner.rounds, learner.counts, learner.explores_by) as progress:
-            results = train_runs(runs, progress)
+        with logged_progress([run.folder for run in runs], learner.chunk_rounds) as log, bar as show:
+
+            def both(progress: "TrainingProgress") -> None:
+                show(progress)
+                log(progress)
+
+            results = train_runs(runs, both)
     except ImportError as error:
         raise InputError(f"training needs JAX, which cannot be imported ({error}); see cellpilot doctor") from error
     if not all(result.finished for result in results):

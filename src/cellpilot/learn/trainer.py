@@ -36,6 +36,7 @@ class TrainingProgress:
     return_mean: float  # of the last chunk
     reached_share: float  # of the last chunk
     exploration: float
+    histories: Callable[[], list[dict[str, np.ndarray]]]  # learning curve of each seed so far
 
 
 @dataclass
@@ -188,9 +189,12 @@ class _Run:
             about = {"fingerprint": fingerprint, "seed": self.seed, "train_wall_s": self.train_wall_s}
             save_state(self.checkpoint, state, self.history, about)
 
-    def result(self, settings: AlgorithmSettings, compile_s: float) -> TrainingResult:
+    def curve(self, settings: AlgorithmSettings) -> dict[str, np.ndarray]:
         exploration = ALGORITHMS[settings.algorithm].exploration_at(settings, jnp.arange(self.done))
-        history = self.history | {"exploration": np.asarray(exploration, np.float32)}
+        return self.history | {"exploration": np.asarray(exploration, np.float32)}
+
+    def result(self, settings: AlgorithmSettings, compile_s: float) -> TrainingResult:
+        history = self.curve(settings)
         finished = self.done >= settings.rounds
         return TrainingResult(settings, self.seed, self.state, history, finished, self.train_wall_s, compile_s)
 
@@ -272,4 +276,5 @@ def _progress(settings: AlgorithmSettings, runs: Sequence[_Run], n: int) -> Trai
         return_mean=last("episode_return"),
         reached_share=last("reached"),
         exploration=float(ALGORITHMS[settings.algorithm].exploration_at(settings, jnp.int32(done))),
+        histories=lambda: [run.curve(settings) for run in runs],
     )
