@@ -7,19 +7,21 @@ of B: 0 = greedy baseline, 1 = exact optimum.
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from cellpilot.errors import InputError
-from cellpilot.evaluate.deterministic import deterministic_figures, score
+from cellpilot.evaluate.deterministic import DeterministicFigures, deterministic_figures, score
 from cellpilot.evaluate.statistics import mean_interval
 from cellpilot.experiment import make_map
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
+from cellpilot.maps.estimate.gaussian_process import Kernel
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
+from cellpilot.provenance import digest, write_atomically
 from cellpilot.scenario import MapFile, MapSettings, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
 from cellpilot.task import Task
 from cellpilot.world import World
@@ -52,18 +54,24 @@ Arm = Callable[[Transfer, int, Sequence[int]], Iterator[Policy]]
 """(transfer, seed, checkpoints) -> its deterministic policy after each number of flights, which are increasing."""
 
 
-def _map_learner(prior: bool) -> Arm:
-    def arm(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
-        known_db = transfer.prepared.sinr_db.astype(np.float64) if prior else None
-        for learner in learn_map(transfer.truth, transfer.task, MapLearnerSettings(), seed, checkpoints, known_db):
-            yield learner.policy()
-
-    return arm
+PRIOR_SETTINGS = MapLearnerSettings(kernel=Kernel(offset_std_db=5.0, height_offset_std_db=2.0))
+"""A prior map knows the level better than nothing does."""
 
 
-@lru_cache(maxsize=256)
+def _map_with_prior(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
+    known_db = transfer.prepared.sinr_db.astype(np.float64)
+    for learner in learn_map(transfer.truth, transfer.task, PRIOR_SETTINGS, seed, checkpoints, known_db):
+        yield learner.policy()
+
+
+def _map_from_nothing(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
+    for learner in learn_map(transfer.truth, transfer.task, MapLearnerSettings(), seed, checkpoints):
+        yield learner.policy()
+
+
+@lru_cache(maxsize=1)
 def _trained(transfer: Transfer, seed: int) -> "TrainingResult":
-    """FQI-HER trained on map A, once for all arms."""
+    """FQI-HER trained on map A, once for both arms that fly it, which follow each other."""
     from cellpilot.envs.arena import make_arena
     from cellpilot.learn.trainer import train
 
@@ -84,7 +92,7 @@ def _online(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterat
 
 
 PRIOR, NOTHING, FROZEN, ONLINE = "map-prior", "map-nothing", "deep-frozen", "deep-online"
-ARMS: dict[str, Arm] = {PRIOR: _map_learner(prior=True), NOTHING: _map_learner(prior=False), FROZEN: _frozen, ONLINE: _online}
+ARMS: dict[str, Arm] = {PRIOR: _map_with_prior, NOTHING: _map_from_nothing, FROZEN: _frozen, ONLINE: _online}
 LABELS = {
     PRIOR: "map learner, A as prior",
     NOTHING: "map learner from nothing",
@@ -98,14 +106,22 @@ def checkpoints_up_to(flights: int) -> list[int]:
     return [*(n for n in CHECKPOINTS if n < flights), flights]
 
 
+FIGURES = ("score", "reached_share", "path_ratio_p90")
+"""What is kept of each policy."""
+
+
 def adapt(
     transfer: Transfer,
     flights: int,
     n_seeds: int,
     arms: Sequence[str] = tuple(ARMS),
     progress: Callable[[float], None] = lambda share: None,
+    folder: Path | None = None,
 ) -> "xr.Dataset":
-    """`score`, `reached_share` and `path_ratio_p90` over `(arm, seed, flights)`, on all pairs of the true map."""
+    """`FIGURES` over `(arm, seed, flights)`, on all pairs of the true map.
+
+    With a `folder`, every finished curve is kept there, and one that is there need not be flown again.
+    """
     import xarray as xr
 
     world, task = transfer.truth, transfer.task
@@ -113,20 +129,21 @@ def adapt(
     if score(greedy, greedy, optimal) is None:
         raise InputError("on map B the optimum is no better than the shortest path: choose a threshold that part of it misses")
     checkpoints = checkpoints_up_to(flights)
-    names = ("score", "reached_share", "path_ratio_p90")
-    found = np.full((len(names), len(arms), n_seeds, len(checkpoints)), np.nan)
-    for i, name in enumerate(arms):
-        for seed in range(n_seeds):
-            scored: tuple[Policy | None, tuple[float | None, ...]] = (None, ())
-            for k, policy in enumerate(ARMS[name](transfer, seed, checkpoints)):
-                if policy is not scored[0]:
-                    figures = deterministic_figures(world, task, policy)
-                    scored = policy, (score(figures, greedy, optimal), figures.reached_share, figures.path_ratio_p90)
-                found[:, i, seed, k] = [np.nan if value is None else value for value in scored[1]]
-                progress((i * n_seeds + seed + (k + 1) / len(checkpoints)) / (len(arms) * n_seeds))
+    found = np.empty((len(FIGURES), len(arms), n_seeds, len(checkpoints)))
+    for i, seed in enumerate(range(n_seeds)):
+        for j, name in enumerate(arms):
+            within = lambda share, i=i, j=j: progress((i * len(arms) + j + share) / (n_seeds * len(arms)))
+            file = None if folder is None else folder / f"{name}-{seed}-{_mark(transfer, checkpoints)}.npy"
+            curve = _load(file) if file is not None and file.is_file() else None
+            if curve is None:
+                curve = _curve(transfer, name, seed, checkpoints, greedy, optimal, within)
+                if file is not None:
+                    write_atomically(file, partial(_save, curve))
+            found[:, j, i] = curve
+            within(1.0)
     dims = ("arm", "seed", "flights")
     return xr.Dataset(
-        {name: (dims, found[i], {"units": "1"}) for i, name in enumerate(names)},
+        {name: (dims, found[i], {"units": "1"}) for i, name in enumerate(FIGURES)},
         coords={"arm": list(arms), "seed": np.arange(n_seeds), "flights": checkpoints},
         attrs={
             "threshold_db": task.threshold_db,
@@ -136,6 +153,47 @@ def adapt(
             "labels": json.dumps({name: LABELS[name] for name in arms}),
         },
     )
+
+
+def _curve(
+    transfer: Transfer,
+    arm: str,
+    seed: int,
+    checkpoints: Sequence[int],
+    greedy: DeterministicFigures,
+    optimal: DeterministicFigures,
+    progress: Callable[[float], None],
+) -> np.ndarray:
+    """`FIGURES` of one arm and seed `[figures, checkpoints]`; NaN where there is none."""
+    columns: list[list[float]] = []
+    scored: Policy | None = None
+    for policy in ARMS[arm](transfer, seed, checkpoints):
+        if policy is not scored:
+            figures = deterministic_figures(transfer.truth, transfer.task, policy)
+            row = (score(figures, greedy, optimal), figures.reached_share, figures.path_ratio_p90)
+            scored = policy
+        columns.append([np.nan if value is None else value for value in row])
+        progress(len(columns) / len(checkpoints))
+    return np.array(columns).T
+
+
+def _mark(transfer: Transfer, checkpoints: Sequence[int]) -> str:
+    """Names everything a curve depends on besides arm and seed."""
+    truth, prepared = transfer.truth, transfer.prepared
+    text = repr((transfer.task, truth.noise_std_db, truth.grid, PRIOR_SETTINGS, MapLearnerSettings(), FQIHER(), checkpoints))
+    return digest([truth.sinr_db, truth.blocked, prepared.sinr_db, np.frombuffer(text.encode(), np.uint8)])
+
+
+def _load(file: Path) -> np.ndarray:
+    try:
+        return np.asarray(np.load(file))
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"{file}: the curve is damaged ({error}); delete it to fly it again") from error
+
+
+def _save(curve: np.ndarray, path: Path) -> None:
+    with path.open("wb") as file:
+        np.save(file, curve)
 
 
 def verdict(data: "xr.Dataset", good: float = 0.9) -> list[str]:

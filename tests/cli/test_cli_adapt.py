@@ -20,8 +20,23 @@ def test_it_leaves_curves_maps_and_a_picture(place: Path, cli: Cli) -> None:
         first = data.load()
     assert first["score"].shape == (2, 2, 3)
     assert first.attrs["threshold_db"] == 5.0
-    assert {path.name for path in (place / "study").iterdir()} == {"adapt.nc", "figures", "map-a.nc", "map-b.nc"}
+    assert {path.name for path in (place / "study").iterdir()} == {"adapt", "adapt.nc", "figures", "map-a.nc", "map-b.nc"}
     assert {path.name for path in (place / "study" / "figures").iterdir()} == {"adapt.png", "adapt.pdf"}
+    # Called again, it goes on: only the curve that was lost is flown, and it is the same.
+    kept = {path: path.stat().st_mtime_ns for path in (place / "study" / "adapt").iterdir()}
+    assert len(kept) == 4
+    lost = min(kept)
+    lost.unlink()
+    assert cli(*call).code == 0
+    assert {path for path in kept if path.stat().st_mtime_ns != kept[path]} == {lost}
+    with xr.open_dataset(place / "study" / "adapt.nc", engine="h5netcdf") as data:
+        np.testing.assert_array_equal(data["score"].values, first["score"].values)
+    lost.write_text("no curve")
+    assert_refused(cli(*call), lost.name, "damaged")
+    lost.unlink()
+    # Another noise is another study.
+    assert cli(*call, "--task.noise-std-db", "1").code == 0
+    assert len(list((place / "study" / "adapt").iterdir())) == 7
     # The maps it leaves can be given again.
     again = cli("adapt", "study/map-a.nc", "study/map-b.nc", *FEW[:-1], "again", "--task.threshold-db", "5")
     assert again.code == 0, again.err

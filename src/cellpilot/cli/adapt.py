@@ -35,7 +35,7 @@ class AdaptOptions(Settings):
     arms: tuple[str, ...] = Field(tuple(ARMS), description="what is compared", strict=False)
     bin_m: float = Field(40.0, gt=0, allow_inf_nan=False, description="side of a cell of measured logs [m]")
     calibrate: str | None = Field(None, description="map or log of the same network known beforehand: gives A its mean level")
-    out: Path | None = Field(None, description="folder of the results; default runs/adapt-A-B", strict=False)
+    out: Path | None = Field(None, description="folder of the results; default runs/adapt-A-B; it goes on there", strict=False)
     task: RewardSettings = RewardSettings()
 
 
@@ -52,11 +52,11 @@ def main(arguments: Sequence[str]) -> int:
     noise_std_db = options.task.noise_std_db
     transfer = make_transfer(map_a, map_b, make_task(options.task, grid_of(map_b)), noise_std_db)
     warn(threshold_warning(transfer.truth, options.task.threshold_db))
+    folder = options.out or Path("runs") / f"adapt-{Path(options.a).stem}-{Path(options.b).stem}"
     with share_bar("adapt") as progress:
-        data = adapt(transfer, options.flights, options.seeds, options.arms, progress)
+        data = adapt(transfer, options.flights, options.seeds, options.arms, progress, folder / "adapt")
     title = f"{Path(options.a).stem} to {Path(options.b).stem}"
     data.attrs |= {"title": title, "command": command_line(), "versions": json.dumps(versions())}
-    folder = options.out or Path("runs") / f"adapt-{Path(options.a).stem}-{Path(options.b).stem}"
     save_map(map_a, folder / "map-a.nc")
     save_map(map_b, folder / "map-b.nc")
     write_atomically(folder / "adapt.nc", lambda path: data.to_netcdf(path, engine="h5netcdf"))
