@@ -174,8 +174,26 @@ def test_what_is_wrong_is_named_by_file_line_and_field(tmp_path: Path, text: str
     assert "\n" not in message
 
 
-def test_five_scenarios_ship() -> None:
-    assert {path.stem for path in SHIPPED.glob("*.toml")} == {"quick", "thesis-2d", "thesis-2d-noise", "thesis-3d", "ukm-30m"}
+def test_eight_scenarios_ship() -> None:
+    thesis, exact = {"thesis-2d", "thesis-2d-noise", "thesis-3d"}, {"exact-2d", "exact-2d-noise", "exact-3d"}
+    assert {path.stem for path in SHIPPED.glob("*.toml")} == {"quick", "ukm-30m"} | thesis | exact
+
+
+@pytest.mark.parametrize("name", ["2d", "2d-noise", "3d"])
+def test_the_exact_scenarios_differ_from_the_thesis_in_the_learner_alone(name: str) -> None:
+    exact, thesis = (load_scenario(find_scenario(f"{kind}-{name}")) for kind in ("exact", "thesis"))
+    assert (exact.map, exact.task, exact.evaluation) == (thesis.map, thesis.task, thesis.evaluation)
+    assert exact.learner.algorithm == "fqi-her"
+
+
+def test_a_setting_of_the_other_learner_is_unknown(tmp_path: Path) -> None:
+    file = tmp_path / "mixed.toml"
+    file.write_text('[learner]\nalgorithm = "fqi-her"\nepisodes = 10\n')
+    with pytest.raises(InputError, match=r"mixed.toml:3: unknown key learner.episodes"):
+        load_scenario(file)
+    file.write_text('[learner]\nalgorithm = "fqi-her"\nnear = 0.7\nprioritised = 0.4\n')
+    with pytest.raises(InputError, match="add up to more than 1"):
+        load_scenario(file)
 
 
 THESIS_2D = {"heights_m": (30.0,), "noise_std_db": 0.0, "episodes": 30_000, "exploration_fraction": 0.5}
