@@ -72,13 +72,16 @@ class Run:
         write_json(path, json.loads(path.read_text()) | facts)
 
 
-def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force: bool = False) -> Run:
-    """Make the map and a new folder; `InputError` if it already holds a run (unless `force`) or other files."""
+def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force: bool = False, n_seeds: int = 1) -> Run:
+    """Make the map and a new folder; `InputError` if it already holds a run (unless `force`) or other files.
+
+    `n_seeds` is how many runs like this one will be trained at once.
+    """
     folder = folder.resolve() if folder.is_symlink() else folder
     occupied = is_occupied(folder, force)
     radio_map = make_map(scenario.map)
     run = _assemble(folder, scenario, seed, radio_map)
-    make_learner(scenario.learner).check_fits(run.task)
+    make_learner(scenario.learner).check_fits(run.task, n_seeds)
     OptimalPolicy.undiscounted(run.world, run.task).actions(run.world.free_cells[:1])  # refuses a task without an optimum
     if occupied:
         shutil.rmtree(folder)

@@ -64,7 +64,9 @@ class ScalarLog:
             self._rounds = n
         while self._rounds < n:
             first, self._rounds = self._rounds, min(self._rounds + rows, n)
-            means = {tag: float(np.mean(history[column][first : self._rounds])) for column, tag in TAGS.items()}
+            means = {
+                tag: float(np.mean(history[column][first : self._rounds])) for column, tag in TAGS.items() if column in history
+            }
             self._add(means, self._rounds)
 
     def add_evaluation(self, policies: Mapping[str, Mapping[str, Any]], step: int) -> None:

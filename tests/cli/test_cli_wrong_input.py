@@ -5,10 +5,16 @@ import shutil
 from importlib.resources import files
 from pathlib import Path
 
+import jax
 import pytest
 from cli_tools import TINY, Cli, assert_refused, tree
 
 from cellpilot.cli.main import VERBS
+from cellpilot.learn import memory
+from cellpilot.learn.algorithms.ddqn_her_settings import EXPERIENCE_BYTES
+from cellpilot.learn.replay import init_replay
+from cellpilot.maps import load_map, save_map
+from cellpilot.scenario import LEARNERS
 
 LOG_HEADER = "Time,Latitude,Longitude,RSRP (LTE pcell),RS SNR"
 PLACES = ("--start", "0,0,0", "--goal", "3,3,0")
@@ -162,6 +168,17 @@ CALLS = [
     (["train", "--resume", "here"], ["here", "scenario.toml"]),
     (["train", "--resume"], ["--resume"]),
     (["train", "--resume", "run", "--learner.episodes", "3"], ["--learner.episodes"]),
+    (["evaluate", "run", "--map", "layers.nc"], ["4 x 4 x 1", "4 x 4 x 2"]),
+    (["train", "--resume", "gone", "--tensorboard"], ["gone", "no such run folder"]),
+    (["export"], ["run folder"]),
+    (["export", "run"], ["--onnx"]),
+    (["export", "run", "--onnx"], ["--onnx"]),
+    (["export", "run", "--onnx", "here"], ["here", "folder"]),
+    (["export", "gone", "--onnx", "new.onnx"], ["gone", "no such"]),
+    (["export", "gone.safetensors", "--onnx", "new.onnx"], ["gone.safetensors", "no such file"]),
+    (["export", "here", "--onnx", "new.onnx"], ["here", "scenario.toml"]),
+    (["export", "plain.nc", "--onnx", "new.onnx"], ["plain.nc", "no such"]),
+    (["export", "quick", "--onnx", "new.onnx"], ["quick", "trained policy"]),
     (["plan"], ["map file"]),
     (["plan", "gone.nc", *PLACES], ["gone.nc"]),
     (["plan", "text.nc", *PLACES], ["text.nc"]),
@@ -202,6 +219,8 @@ def desk(place: Path) -> Path:
     import xarray as xr
 
     xr.Dataset({"temperature": ("x", [1.0, 2.0])}).to_netcdf(place / "foreign.nc", engine="h5netcdf")
+    low, high = load_map(place / "plain.nc"), load_map(place / "plain.nc").assign_coords(z=[60.0])
+    save_map(xr.concat([low, high], "z", data_vars="minimal", combine_attrs="override"), place / "layers.nc")
     (place / "here").mkdir()
     (place / "here" / "notes.txt").write_text("mine")
     return place
@@ -338,11 +357,51 @@ def test_a_damaged_checkpoint_is_named_and_kept(desk: Path, cli: Cli, verb: str,
     assert tree(desk) == before
 
 
-def test_a_policy_of_another_grid_is_refused_by_plan(desk: Path, cli: Cli) -> None:
-    shutil.copy(desk / "larger.nc", desk / "run" / "map.nc")
+@pytest.mark.parametrize(("map_file", "sides"), [("larger.nc", "5 x 5 x 1"), ("layers.nc", "4 x 4 x 2")])
+def test_a_policy_of_another_grid_is_refused(desk: Path, cli: Cli, map_file: str, sides: str) -> None:
+    shutil.copy(desk / map_file, desk / "run" / "map.nc")
     before = tree(desk)
-    assert_refused(cli("plan", "run", *PLACES, "--policy", "learned"), "4 x 4 x 1", "5 x 5 x 1")
+    assert_refused(cli("plan", "run", *PLACES, "--policy", "learned"), "4 x 4 x 1", sides)
+    assert_refused(cli("evaluate", "run"), "4 x 4 x 1", sides)
     assert tree(desk) == before
+
+
+MAY_BE_NOTHING = {"initial_exploration", "final_exploration", "prioritised", "near"}
+"""Numbers of the learners that may be 0; no number may be negative."""
+NUMBERS = [
+    (algorithm, name, value)
+    for algorithm, settings in LEARNERS.items()
+    for name, field in settings.model_fields.items()
+    if field.annotation in (int, float)
+    for value in ("-1", "0")
+    if not (value == "0" and name in MAY_BE_NOTHING)
+]
+
+
+@pytest.mark.parametrize(("algorithm", "name", "value"), NUMBERS)
+def test_a_negative_or_zero_setting_of_a_learner_is_refused(desk: Path, cli: Cli, algorithm: str, name: str, value: str) -> None:
+    flag = f"--learner.{name.replace('_', '-')}"
+    call = ["train", "tiny.toml", "--learner.algorithm", algorithm, f"{flag}={value}", "--out", "new"]
+    assert_refused(cli(*call), flag, value)
+    assert not (desk / "new").exists()
+
+
+@pytest.mark.parametrize("seeds", [1, 3])
+def test_a_replay_larger_than_memory_is_refused_with_the_figure(
+    desk: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch, seeds: int
+) -> None:
+    needed = seeds * 20_000 * EXPERIENCE_BYTES
+    monkeypatch.setattr(memory, "available_bytes", lambda: needed - 1)
+    before = tree(desk)
+    figures = (f"{needed / 1e9:.3g} GB", "20,000", "replay_capacity")
+    assert_refused(cli("train", "tiny.toml", "--seeds", str(seeds), "--out", "new"), *figures)
+    assert tree(desk) == before
+
+
+def test_the_figure_is_that_of_the_replay_memory() -> None:
+    leaves = jax.tree.leaves(init_replay(1000).experiences)
+    assert sum(leaf.nbytes for leaf in leaves) == 1000 * EXPERIENCE_BYTES
+    assert (memory.available_bytes() or 0) > 1e8
 
 
 @pytest.mark.parametrize("verb", VERBS)

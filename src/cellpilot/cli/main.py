@@ -11,6 +11,7 @@ VERBS = {
     "evaluate": "compare baseline, optimum and learned policy",
     "report": "figures and a self-contained page of a run",
     "plan": "a route between two places over a map or run",
+    "export": "the trained policy as ONNX, for other programs",
     "adapt": "prepared on map A, deployed on an unknown network B: score against flights",
     "ablation": "the learner without double Q and without hindsight, over seeds (Figure 5.19)",
     "sensitivity": "reward parameters against signal and detour (section 4.2.2)",

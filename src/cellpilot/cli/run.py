@@ -84,7 +84,7 @@ def prepare(arguments: Sequence[str], verb: str, description: str) -> list[Run]:
     new = [base if alone else base.with_name(f"{base.name}-seed{seed}") for seed in seeds]
     for folder in new[1:]:
         is_occupied(folder, options.force)
-    runs = [create_run(new[i], scenario, seed, command_line(), options.force) for i, seed in enumerate(seeds)]
+    runs = [create_run(new[i], scenario, seed, command_line(), options.force, len(seeds)) for i, seed in enumerate(seeds)]
     warn(threshold_warning(runs[0].world, runs[0].task.threshold_db))
     return _logged(runs, options.tensorboard)
 

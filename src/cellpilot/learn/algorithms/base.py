@@ -25,5 +25,5 @@ class AlgorithmSettings(Protocol):
     def explores_by(self) -> str:
         """What `exploration_at` returns: temperature, epsilon."""
 
-    def check_fits(self, task: Task) -> None:
-        """`InputError` before anything is compiled if these settings cannot be trained on the task."""
+    def check_fits(self, task: Task, n_seeds: int = 1) -> None:
+        """`InputError` before anything is compiled if these settings cannot be trained on the task, that many seeds at once."""

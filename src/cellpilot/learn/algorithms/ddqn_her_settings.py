@@ -4,11 +4,15 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from cellpilot.errors import InputError
+from cellpilot.learn.memory import check_memory
 from cellpilot.task import Task
 
 Exploration = Literal["boltzmann", "epsilon-greedy"]
 Strategy = Literal["future", "final", "episode"]
 Architecture = Literal["concatenated", "two-stream"]
+
+EXPERIENCE_BYTES = 21
+"""Of one experience in `learn.replay`: four integers and a float of four bytes, and one flag."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +56,11 @@ class DDQNHER:
         """Name of the quantity that `exploration_at` returns."""
         return "temperature" if self.exploration == "boltzmann" else "epsilon"
 
-    def check_fits(self, task: Task) -> None:
-        """`InputError` before anything is compiled if the replay memory cannot hold a flight, or its random start."""
+    def check_fits(self, task: Task, n_seeds: int = 1) -> None:
+        """`InputError` before anything is compiled if the replay memory cannot hold a flight, or its random start.
+
+        The same if the replay memories of all seeds are larger than the memory there is.
+        """
         rows = task.max_steps * (1 + self.hindsight_ratio)
         if rows > self.replay_capacity:
             raise InputError(
@@ -62,3 +69,9 @@ class DDQNHER:
             )
         if self.replay_start > self.replay_capacity:
             raise InputError(f"replay_start {self.replay_start} is larger than replay_capacity {self.replay_capacity}; lower it")
+        of_seeds = f" for each of {n_seeds} seeds" if n_seeds > 1 else ""
+        check_memory(
+            n_seeds * self.replay_capacity * EXPERIENCE_BYTES,
+            f"a replay memory of {self.replay_capacity:,} experiences{of_seeds}",
+            "lower replay_capacity" + " or train fewer seeds at once" * (n_seeds > 1),
+        )

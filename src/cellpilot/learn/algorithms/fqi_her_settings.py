@@ -48,7 +48,7 @@ class FQIHER:
         """Name of the quantity that `exploration_at` returns."""
         return "temperature"
 
-    def check_fits(self, task: Task) -> None:
+    def check_fits(self, task: Task, n_seeds: int = 1) -> None:
         """`InputError` for rewards under which the distance to the goal does not bound the value from above."""
         if not (task.rho_goal >= 0 and task.rho_step < 0 and task.rho_sinr <= 0 and task.rho_blocked <= 0):
             raise InputError(

@@ -1,0 +1,52 @@
+"""`cellpilot export RUN --onnx FILE`: the trained policy for programs without cellpilot."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+from pydantic import Field
+
+from cellpilot.cli.console import out
+from cellpilot.cli.options import parse
+from cellpilot.errors import InputError
+from cellpilot.experiment import shipped_policy
+from cellpilot.policies import PolicyParameters, load_parameters
+from cellpilot.policies.onnx_file import save_onnx
+from cellpilot.runs import open_run
+from cellpilot.scenario import SHIPPED, Settings, find_scenario
+
+
+class ExportOptions(Settings):
+    """Options of `export`."""
+
+    source: tyro.conf.Positional[str] = Field(description="run folder, shipped scenario with a trained policy, or .safetensors")
+    onnx: Path | None = Field(None, description="ONNX file to write (extra onnx)", strict=False)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Verb `export`."""
+    options = parse(ExportOptions, arguments, "cellpilot export", "Write the trained policy for other programs.")
+    if options.onnx is None:
+        raise InputError("--onnx is missing; give the file to write, for example --onnx policy.onnx")
+    if options.onnx.is_dir():
+        raise InputError(f"--onnx {options.onnx}: a folder; expected the file to write, for example {options.onnx}/policy.onnx")
+    parameters = _parameters(options.source)
+    save_onnx(parameters, options.onnx)
+    sides = " x ".join(map(str, parameters.sides))
+    out.print(f"{options.onnx}: {parameters.architecture} policy of {sides} cells, {options.onnx.stat().st_size / 1e3:.0f} kB")
+    return 0
+
+
+def _parameters(source: str) -> PolicyParameters:
+    path = Path(source)
+    if path.is_dir():
+        parameters = open_run(path).parameters()
+    elif path.suffix == ".safetensors":
+        parameters = load_parameters(path)
+    elif (SHIPPED / f"{source}.toml").is_file():
+        parameters = shipped_policy(find_scenario(source))
+    else:
+        raise InputError(f"{source}: no such run folder, shipped scenario or policy file (.safetensors)")
+    if parameters is None:
+        raise InputError(f"{source} holds no trained policy; train first (cellpilot train)")
+    return parameters

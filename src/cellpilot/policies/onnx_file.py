@@ -1,0 +1,239 @@
+"""A trained policy as an ONNX file (extra `onnx`), built from its weights node by node.
+
+Inputs `position` and `goal`, int64 `[batch, 3]`, positions `(ix, iy, iz)` on the grid; outputs `action_values`, float32
+`[batch, actions]`, and `action`, int64 `[batch]`, the first of the highest. What is outside the grid has no meaning.
+"""
+
+import json
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cellpilot.errors import InputError
+from cellpilot.grid import ACTIONS, Grid
+from cellpilot.policies import pair_value
+from cellpilot.policies.learned import FORMAT, PolicyParameters
+from cellpilot.provenance import versions, write_atomically
+from cellpilot.task import Task
+
+OPSET, IR_VERSION = 17, 8
+"""Of 2022: read by every runtime since."""
+
+
+def save_onnx(parameters: PolicyParameters, path: Path) -> None:
+    """Write the policy as ONNX, atomically; `InputError` if the extra is missing."""
+    model = make_onnx(parameters)
+    write_atomically(path, lambda temporary: temporary.write_bytes(model.SerializeToString()))
+
+
+def make_onnx(parameters: PolicyParameters) -> Any:
+    """The policy as `onnx.ModelProto`, its metadata with the sides of the grid and the names of the actions."""
+    if find_spec("onnx") is None:
+        raise InputError("ONNX export needs the extra onnx: pip install 'cellpilot[onnx]'")
+    import onnx
+
+    graph = _Graph()
+    position, goal = graph.value("position"), graph.value("goal")
+    values = BUILDERS[parameters.architecture](graph, parameters, position, goal)
+    graph.name_output(values, "action_values")
+    graph.name_output(graph.op("ArgMax", values, axis=-1, keepdims=0), "action")
+    n_actions = 6 if parameters.sides[2] > 1 else 4
+    describe = onnx.helper.make_tensor_value_info
+    integer, real = onnx.TensorProto.INT64, onnx.TensorProto.FLOAT
+    model = onnx.helper.make_model(
+        onnx.helper.make_graph(
+            graph.nodes,
+            "policy",
+            [describe(name, integer, ["batch", 3]) for name in ("position", "goal")],
+            [describe("action_values", real, ["batch", n_actions]), describe("action", integer, ["batch"])],
+            graph.constants,
+        ),
+        opset_imports=[onnx.helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="cellpilot",
+        producer_version=versions().get("cellpilot", ""),
+    )
+    onnx.helper.set_model_props(
+        model,
+        {
+            "format": FORMAT,
+            "architecture": parameters.architecture,
+            "grid_sides": " ".join(map(str, parameters.sides)),
+            "actions": " ".join(ACTIONS[:n_actions]),
+            "about": json.dumps(parameters.about),
+        },
+    )
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+class _Graph:
+    """Nodes and constants so far; every method that computes returns the value it adds."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def value(self, name: str) -> "_Value":
+        return _Value(self, name)
+
+    def constant(self, content: ArrayLike) -> "_Value":
+        """A constant; numbers are kept as int64 or float32."""
+        import onnx
+
+        array = np.asarray(content)
+        array = array.astype(np.float32 if np.issubdtype(array.dtype, np.floating) else np.int64)
+        name = f"c{len(self.constants)}"
+        self.constants.append(onnx.numpy_helper.from_array(array, name))
+        return _Value(self, name)
+
+    def op(self, kind: str, *inputs: "_Value | ArrayLike", **attributes: Any) -> "_Value":
+        """One node; numbers and arrays among the inputs become constants."""
+        import onnx
+
+        names = [(value if isinstance(value, _Value) else self.constant(value)).name for value in inputs]
+        name = f"v{len(self.nodes)}"
+        self.nodes.append(onnx.helper.make_node(kind, names, [name], **attributes))
+        return _Value(self, name)
+
+    def as_float(self, value: "_Value") -> "_Value":
+        import onnx
+
+        return self.op("Cast", value, to=onnx.TensorProto.FLOAT)
+
+    def name_output(self, value: "_Value", name: str) -> None:
+        import onnx
+
+        self.nodes.append(onnx.helper.make_node("Identity", [value.name], [name]))
+
+
+class _Value:
+    """A tensor in the graph, with the arithmetic that `policies.pair_value` shares between NumPy, JAX and this."""
+
+    def __init__(self, graph: _Graph, name: str):
+        self.graph, self.name = graph, name
+
+    def __add__(self, other: Any) -> "_Value":
+        return self.graph.op("Add", self, other)
+
+    def __sub__(self, other: Any) -> "_Value":
+        return self.graph.op("Sub", self, other)
+
+    def __mul__(self, other: Any) -> "_Value":
+        return self.graph.op("Mul", self, other)
+
+    def __mod__(self, other: Any) -> "_Value":
+        return self.graph.op("Mod", self, other)
+
+    def __floordiv__(self, other: Any) -> "_Value":
+        return self.graph.op("Div", self, other)  # of integers that are not negative, so it rounds down
+
+    def __abs__(self) -> "_Value":
+        return self.graph.op("Abs", self)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def _concatenated(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
+    pair = graph.op("Concat", _coordinates(graph, parameters, position), _coordinates(graph, parameters, goal), axis=-1)
+    return _perceptron(graph, parameters, "network", pair)
+
+
+def _two_stream(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
+    phi = _perceptron(graph, parameters, "phi", _coordinates(graph, parameters, position))
+    psi = _perceptron(graph, parameters, "psi", _coordinates(graph, parameters, goal))
+    n_features = _layers(parameters, "psi")[-1][1].size
+    by_action = graph.op("Reshape", phi, [0, -1, n_features])
+    return graph.op("ReduceSum", by_action * graph.op("Unsqueeze", psi, [1]), [-1], keepdims=0)
+
+
+def _coordinates(graph: _Graph, parameters: PolicyParameters, position: _Value) -> _Value:
+    """Positions as the networks see them: of the dimensions flown, counted from 1, divided by the side."""
+    used = [0, 1, 2] if parameters.sides[2] > 1 else [0, 1]
+    counted = graph.as_float(graph.op("Gather", position, used, axis=1) + 1)
+    return graph.op("Div", counted, np.array([parameters.sides[i] for i in used], np.float32))
+
+
+def _perceptron(graph: _Graph, parameters: PolicyParameters, name: str, x: _Value) -> _Value:
+    layers = _layers(parameters, name)
+    for i, (weight, bias) in enumerate(layers):
+        x = graph.op("Gemm", x, weight, bias, transB=1)
+        if i < len(layers) - 1:
+            x = graph.op("LeakyRelu", x, alpha=0.01)
+    return x
+
+
+def _layers(parameters: PolicyParameters, name: str) -> list[tuple[Any, Any]]:
+    tensors = parameters.tensors
+    n_layers = sum(key.startswith(f"{name}.") and key.endswith(".weight") for key in tensors)
+    return [(tensors[f"{name}.layers.{i}.weight"], tensors[f"{name}.layers.{i}.bias"]) for i in range(n_layers)]
+
+
+def _pair_value(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
+    """`pair_value.pair_action_values` for the pairs asked for; each step of look-ahead is one more axis, over its actions."""
+    task, sides, tensors = Task(**parameters.about["task"]), parameters.sides, parameters.tensors
+    strides = np.array([1, sides[0], sides[0] * sides[1]])
+    cell, goal = (graph.op("ReduceSum", place * strides, [-1], keepdims=0) for place in (position, goal))
+    # Only the sides of the grid matter for where moves lead.
+    next_cell, stopped = Grid(*(tuple(map(float, range(n))) for n in sides)).next_cells(tensors["blocked"].astype(bool))
+    next_table = graph.constant(next_cell)
+    stopped_table = graph.constant((task.rho_blocked * stopped).astype(np.float32))
+
+    def of_actions(cell: _Value, goal: _Value, moves_left: int) -> _Value:
+        """What each action leads to, its cost of being stopped included, `[..., actions]`."""
+        following = graph.op("Gather", next_table, cell)
+        return entering(following, graph.op("Unsqueeze", goal, [-1]), moves_left) + graph.op("Gather", stopped_table, cell)
+
+    def entering(cell: _Value, goal: _Value, moves_left: int) -> _Value:
+        at_goal = graph.as_float(graph.op("Equal", cell, goal))
+        on_way = graph.op("Sub", np.float32(1), at_goal)
+        reward = at_goal * np.float32(task.rho_goal) + np.float32(task.rho_step)
+        if "penalty" in tensors:
+            reward = reward + graph.op("Gather", np.float32(task.rho_sinr) * tensors["penalty"], cell)
+        if moves_left:
+            best = graph.op("ReduceMax", of_actions(cell, goal, moves_left - 1), axes=[-1], keepdims=0)
+            return reward + best * on_way * np.float32(task.discount)
+        correction, bound = _correction(graph, parameters, cell, goal), _bound(graph, parameters, task, cell, goal)
+        if "penalty" not in tensors:
+            most = reward + bound * np.float32(task.discount)
+            return graph.op("Min", most + correction, most)
+        return reward + graph.op("Min", bound + correction, bound) * on_way * np.float32(task.discount)
+
+    return of_actions(cell, goal, int(parameters.about["look_ahead"]) - 1)
+
+
+def _correction(graph: _Graph, parameters: PolicyParameters, cell: _Value, goal: _Value) -> _Value:
+    """The least output of the networks for pairs `[...]`."""
+    rows = pair_value.pair_rows(parameters.sides, cell, goal)
+    outputs = []
+    for table, weight, bias, output in zip(*(parameters.tensors[n] for n in ("table", "weight", "bias", "output")), strict=True):
+        table_rows = [graph.op("Gather", graph.constant(table), row) for row in rows]
+        hidden = graph.op("Relu", graph.op("Sum", *table_rows))
+        hidden = graph.op("Relu", graph.op("MatMul", hidden, weight) + bias)
+        outputs.append(graph.op("Squeeze", graph.op("MatMul", hidden, output[:, None]), [-1]))
+    return graph.op("Min", *outputs)
+
+
+def _bound(graph: _Graph, parameters: PolicyParameters, task: Task, cell: _Value, goal: _Value) -> _Value:
+    """`pair_value.upper_bound`, looked up by the number of moves; it is linear in the penalty of the goal."""
+    moves = pair_value.distance(parameters.sides, cell, goal)
+    steps = np.arange(sum(parameters.sides) + 1, dtype=np.float64)
+    plain = pair_value.upper_bound(task, steps, 0.0)
+    bound = graph.op("Gather", plain, moves)
+    if "penalty" in parameters.tensors:
+        share = graph.op("Gather", pair_value.upper_bound(task, steps, 1.0) - plain, moves)
+        bound = bound + share * graph.op("Gather", parameters.tensors["penalty"], goal)
+    return bound
+
+
+Builder = Callable[[_Graph, PolicyParameters, _Value, _Value], _Value]
+BUILDERS: dict[str, Builder] = {
+    "concatenated": _concatenated,
+    "two-stream": _two_stream,
+    pair_value.ARCHITECTURE: _pair_value,
+}
+"""What computes the action values of each architecture, from graph, parameters, position and goal."""
