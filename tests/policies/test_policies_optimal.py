@@ -240,3 +240,25 @@ def test_value_bounds_by_hand() -> None:
     assert (low, high) == pytest.approx((-11.0, 10.0))  # 1.1 for ever, or the goal at once
     assert Task(discount=1.0).value_bounds == (-np.inf, 10.0)
     assert Task(rho_blocked=-0.9, discount=0.5).value_bounds == pytest.approx((-4.0, 10.0))
+
+
+@given(st.integers(0, 2**31), st.sampled_from([(5, 4, 1), (3, 3, 2)]), st.sampled_from([0.0, 0.4]), st.sampled_from([0.0, 2.0]))
+def test_undiscounted_values_are_those_of_repeated_backing_up(
+    random_world: Callable[..., World], seed: int, sides: tuple[int, int, int], share: float, noise: float
+) -> None:
+    """The same from sweeps by hand: as many as there are cells, from nothing known."""
+    world = random_world(seed, sides, share, noise)
+    task = Task(rho_goal=4.0, rho_sinr=-0.7, rho_step=-0.2, rho_blocked=-0.1)
+    low = np.nan_to_num(world.low_probability(task.threshold_db))
+    for goal in world.free_cells[::3]:
+        value = np.full(world.grid.n_cells, -np.inf)
+        for _ in range(world.grid.n_cells):
+            reward = task.rho_step + task.rho_sinr * low[world.next_cell] + task.rho_blocked * world.stopped
+            arrives = world.next_cell == goal
+            q = reward + np.where(arrives, task.rho_goal, value[world.next_cell])
+            value = q.max(-1)
+            value[goal] = -np.inf
+        found = optimal_values(world, task, np.array([goal]), 1.0)[:, 0]
+        here = (world.part == world.part[goal]) & (np.arange(world.grid.n_cells) != goal)
+        np.testing.assert_allclose(found[here], q[here], atol=1e-9)
+        assert np.isneginf(found[(world.part >= 0) & (world.part != world.part[goal])]).all()

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from cellpilot.errors import InputError
 from cellpilot.grid import IntArray
@@ -21,7 +23,8 @@ def optimal_values(world: World, task: Task, goals: IntArray, discount: float | 
     """Q*(cell, goal, action) `[n_cells, goals, actions]` by value iteration at the task's (or the given) discount.
 
     Starts from a lower bound, so the value of every state whose best flight reaches the goal in n steps is exact after
-    n sweeps. Values of cells that cannot reach the goal are those of flying for ever (-inf without discount).
+    n sweeps. Without discount, where every step costs, the values are those of cheapest paths instead. Values of cells
+    that cannot reach the goal are those of flying for ever (-inf without discount).
     `InputError` where the undiscounted optimum does not exist because circling earns rewards.
     """
     goals = np.asarray(goals)
@@ -48,6 +51,10 @@ def _solve(world: World, task: Task, goals: IntArray, discount: float) -> NDArra
         future = discount * value[world.next_cell[:, action]]
         return np.asarray(reward[action] + np.where(entered[action], 0.0, future))
 
+    if discount == 1 and task.rho_step + max(0.0, task.rho_sinr) < 0 and task.rho_blocked <= 0:
+        value = task.rho_goal - _least_cost(world, task, goals, low)
+        value[at_goal] = floor
+        return np.stack([back_up(a) for a in range(n_actions)], axis=-1)
     for _ in range(MAX_SWEEPS):
         new = back_up(0)
         for action in range(1, n_actions):
@@ -62,6 +69,19 @@ def _solve(world: World, task: Task, goals: IntArray, discount: float) -> NDArra
             "the optimum does not exist without discount: circling earns rewards; make rho_step negative or the discount below 1"
         )
     raise InputError(f"the optimum was not found in {MAX_SWEEPS} sweeps at discount {discount:g}: lower the discount")
+
+
+def _least_cost(world: World, task: Task, goals: IntArray, low: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Least cost `[n_cells, goals]` of a flight to each goal where every step costs: Dijkstra backwards from the goals.
+
+    It is several times as fast as sweeps over all cells, and exact too.
+    """
+    n_cells, n_actions = world.next_cell.shape
+    source, target = np.repeat(np.arange(n_cells), n_actions), world.next_cell.ravel()
+    moves = (source != target) & ~world.blocked[source]
+    cost = -(task.rho_step + task.rho_sinr * low[target[moves]])
+    backwards = csr_array((cost, (target[moves], source[moves])), shape=(n_cells, n_cells))
+    return np.asarray(dijkstra(backwards, indices=goals)).T
 
 
 @dataclass(frozen=True)
