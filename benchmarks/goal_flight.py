@@ -1,4 +1,9 @@
-"""The thesis's flight as a goal-conditioned Gymnasium environment of look-up tables, for the peers of the benchmark."""
+"""The thesis's flight as a goal-conditioned Gymnasium environment of look-up tables, for the peers of the benchmark.
+
+It is the task of `cellpilot/Thesis2D-v0` without the facts in `info`, which Stable-Baselines3 copies at every step: with that
+environment SB3's step takes 7 % longer (142 instead of 133 microseconds of processor time, medians of seven alternating
+rounds of 3,000 steps, Intel Xeon, 2026-11-25), its update 8 %. The peer gets the faster one.
+"""
 
 from typing import Any
 
