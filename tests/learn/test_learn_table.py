@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from cellpilot.envs.arena import Arena, make_arena
-from cellpilot.experiment import LEARNERS, make_learner
+from cellpilot.experiment import make_learner
 from cellpilot.learn.algorithms.base import AlgorithmSettings
 from cellpilot.learn.algorithms.table import ALGORITHMS, Algorithm, TrainState
 from cellpilot.learn.trainer import TrainingProgress, train
 from cellpilot.policies import PolicyParameters
-from cellpilot.scenario import LearnerSettings
+from cellpilot.scenario import LEARNERS
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -110,7 +110,7 @@ def test_another_algorithm_trains_in_rounds_and_resumes(
 def test_every_algorithm_has_settings_a_state_and_rows_as_the_trainer_reads_them(
     make_world: Callable[..., World], name: str
 ) -> None:
-    settings = make_learner(LearnerSettings.model_construct(**{**LearnerSettings().model_dump(), "algorithm": name}))
+    settings = make_learner(LEARNERS[name]())
     assert isinstance(settings, AlgorithmSettings)
     assert settings.algorithm == name
     state = ALGORITHMS[name].initial_state(settings, make_arena(make_world((3, 2, 1))), 0)
