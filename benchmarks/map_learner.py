@@ -70,7 +70,7 @@ def write(file: Path, results: dict[str, Any], seeds: int) -> None:
         "machine": {"cpu": cpu_name(), "cores": os.cpu_count(), "system": platform.system()},
         "versions": versions(),
     }
-    write_atomically(file, lambda path: path.write_text(json.dumps(results, indent=1) + "\n"))
+    write_atomically(file, lambda path: path.write_text(json.dumps(results, separators=(",", ":")) + "\n"))
 
 
 def cpu_name() -> str:
