@@ -6,10 +6,10 @@ of B: 0 = greedy baseline, 1 = exact optimum.
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from cellpilot.experiment import make_map
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
 from cellpilot.maps.estimate.gaussian_process import Kernel
-from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
+from cellpilot.policies import GreedyPolicy, OptimalPolicy, Policy
 from cellpilot.provenance import digest, write_atomically
 from cellpilot.scenario import MapFile, MapSettings, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
 from cellpilot.task import Task
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from cellpilot.learn.algorithms.fqi_her import FittedState
-    from cellpilot.learn.trainer import TrainingResult
     from cellpilot.maps import RadioMap
 
 WHOLE_AREA_M = 100_000.0
@@ -70,25 +69,24 @@ def _map_from_nothing(transfer: Transfer, seed: int, checkpoints: Sequence[int])
 
 
 @lru_cache(maxsize=1)
-def _trained(transfer: Transfer, seed: int) -> "TrainingResult":
+def _trained(transfer: Transfer, seed: int) -> "FittedState":
     """FQI-HER trained on map A, once for both arms that fly it, which follow each other."""
-    from cellpilot.envs.arena import make_arena
-    from cellpilot.learn.trainer import train
+    from cellpilot.learn.algorithms.fqi_her_online import train_beforehand
 
-    return train(FQIHER(), transfer.task, make_arena(transfer.prepared), seed)
+    return train_beforehand(FQIHER(), transfer.prepared, transfer.task, seed)
 
 
 def _frozen(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
-    grid = transfer.truth.grid
-    parameters = _trained(transfer, seed).policy_parameters(grid.sides, {"task": asdict(transfer.task)})
-    yield from [LearnedPolicy(parameters, grid)] * len(checkpoints)
+    from cellpilot.learn.algorithms.fqi_her_online import argmax_policy
+
+    policy = argmax_policy(_trained(transfer, seed), FQIHER(), transfer.truth.grid, transfer.task)
+    yield from [policy] * len(checkpoints)
 
 
 def _online(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
     from cellpilot.learn.algorithms.fqi_her_online import learn_online
 
-    state = cast("FittedState", _trained(transfer, seed).state)
-    yield from learn_online(state, FQIHER(), transfer.truth, transfer.task, seed, checkpoints)
+    yield from learn_online(_trained(transfer, seed), FQIHER(), transfer.truth, transfer.task, seed, checkpoints)
 
 
 PRIOR, NOTHING, FROZEN, ONLINE = "map-prior", "map-nothing", "deep-frozen", "deep-online"
@@ -106,6 +104,8 @@ def checkpoints_up_to(flights: int) -> list[int]:
     return [*(n for n in CHECKPOINTS if n < flights), flights]
 
 
+SHOWN_FLIGHTS = (0, 1, 3, 5, 10, 20, 50, 100, 200, 500, 1_000)
+"""Numbers of flights with a row in the table."""
 FIGURES = ("score", "reached_share", "path_ratio_p90")
 """What is kept of each policy."""
 
@@ -151,7 +151,8 @@ def adapt(
             "greedy_return": greedy.return_mean,
             "optimal_return": optimal.return_mean,
             "labels": json.dumps({name: LABELS[name] for name in arms}),
-        },
+        }
+        | likeness(transfer),
     )
 
 
@@ -194,6 +195,58 @@ def _load(file: Path) -> np.ndarray:
 def _save(curve: np.ndarray, path: Path) -> None:
     with path.open("wb") as file:
         np.save(file, curve)
+
+
+def likeness(transfer: Transfer) -> dict[str, float]:
+    """How like A is to B in the free cells: correlation of SINR (NaN for a map without pattern), mean of A minus mean of B
+    [dB], and shares of cells: both or neither below the threshold, A below it, B below it.
+    """
+    free = transfer.truth.free_cells
+    a_db, b_db = (world.sinr_db[free].astype(np.float64) for world in (transfer.prepared, transfer.truth))
+    low_a, low_b = a_db < transfer.task.threshold_db, b_db < transfer.task.threshold_db
+    flat = a_db.std() == 0 or b_db.std() == 0
+    return {
+        "correlation": np.nan if flat else float(np.corrcoef(a_db, b_db)[0, 1]),
+        "level_difference_db": float(a_db.mean() - b_db.mean()),
+        "threshold_agreement": float((low_a == low_b).mean()),
+        "low_share_a": float(low_a.mean()),
+        "low_share_b": float(low_b.mean()),
+    }
+
+
+def summary(data: "xr.Dataset") -> list[list[str]]:
+    """Mean score of each arm and half of its 95 % interval, after each number of flights; first the headings.
+
+    An arm that leaves some pair unreached at any time has a column with the share it reaches. Where both are there, the
+    lead of the map learner with the prior over the one without is the mean of the differences seed by seed.
+    """
+    arms, flights = data["arm"].values.tolist(), data["flights"].values.tolist()
+    columns: dict[str, list[str]] = {"flights": [str(n) for n in flights]}
+    for arm in arms:
+        columns[arm] = _with_interval(data["score"].sel(arm=arm))
+        reached = data["reached_share"].sel(arm=arm)
+        if (reached < 1).any():
+            columns[f"{arm}: reached"] = [f"{100 * share:.1f} %" for share in reached.mean("seed").values]
+    if {PRIOR, NOTHING} <= set(arms):
+        columns["lead of the prior"] = _with_interval(data["score"].sel(arm=PRIOR) - data["score"].sel(arm=NOTHING), "+.3f")
+    rows = [list(row) for row in zip(*columns.values(), strict=True)]
+    return [list(columns), *(row for n, row in zip(flights, rows, strict=True) if n in SHOWN_FLIGHTS or n == flights[-1])]
+
+
+def _with_interval(values: "xr.DataArray", form: str = ".3f") -> list[str]:
+    """Mean over seeds and half of its 95 % interval, for each number of flights."""
+    ends = [mean_interval(column) for column in values.transpose("flights", "seed").values]
+    return [f"{(low + high) / 2:{form}} ± {(high - low) / 2:.3f}" for low, high in ends]
+
+
+def in_words(data: "xr.Dataset") -> str:
+    """How like A and B are, as `likeness` found."""
+    like = data.attrs
+    return (
+        f"A and B: correlation {like['correlation']:.2f}; {like['threshold_agreement']:.0%} of the cells on the same side of the "
+        f"threshold (below it: {like['low_share_a']:.0%} in A, {like['low_share_b']:.0%} in B); mean of A minus mean of B "
+        f"{like['level_difference_db']:+.1f} dB"
+    )
 
 
 def verdict(data: "xr.Dataset", good: float = 0.9) -> list[str]:

@@ -16,9 +16,12 @@ from cellpilot.adapt import (
     adapt,
     checkpoints_up_to,
     common_grid,
+    in_words,
+    likeness,
     make_transfer,
     make_transfer_maps,
     read_place,
+    summary,
     verdict,
 )
 from cellpilot.errors import InputError
@@ -157,6 +160,37 @@ def test_a_right_prior_is_near_the_optimum_before_the_first_flight() -> None:
     before = {arm: float(data["score"].sel(arm=arm, flights=0, seed=0)) for arm in MAP_ARMS}
     assert before[PRIOR] > 0.8
     assert before[PRIOR] > before[NOTHING] + 0.3
+
+
+def test_how_like_two_maps_are() -> None:
+    a, b = hills(level_db=-4.0), hills()
+    b["blocked"].values[0, 7, 7] = True
+    b["sinr_db"].values[0, 7, 7] = 1_000.0  # no cell to fly in: it does not count
+    like = likeness(make_transfer(a, b, TASK, 0.0))
+    assert like["correlation"] == pytest.approx(1.0, abs=1e-6)
+    assert like["level_difference_db"] == pytest.approx(-4.0, abs=1e-5)
+    low_a, low_b = (m["sinr_db"].values.ravel()[:63] < TASK.threshold_db for m in (a, b))
+    assert (like["low_share_a"], like["low_share_b"]) == pytest.approx((low_a.mean(), low_b.mean()))
+    assert like["threshold_agreement"] == pytest.approx((low_a == low_b).mean())
+    assert "correlation 1.00" in in_words(xr.Dataset(attrs=like))
+    flat = likeness(make_transfer(a * 0, b, TASK, 0.0))
+    assert np.isnan(flat["correlation"])
+
+
+def test_the_table_has_the_lead_of_the_prior_seed_by_seed() -> None:
+    scores = np.zeros((2, 3, 2))
+    scores[0, :, 0] = [0.5, 0.7, 0.9]
+    scores[1, :, 0] = [0.4, 0.6, 0.8]  # the seeds differ, the lead does not
+    reached = np.ones_like(scores)
+    reached[1, :, 1] = [1.0, 0.9, 0.8]
+    dims = ("arm", "seed", "flights")
+    curves = {"score": (dims, scores), "reached_share": (dims, reached)}
+    data = xr.Dataset(curves, {"arm": [PRIOR, NOTHING], "flights": [0, 2]})
+    heads, first, last = summary(data)
+    assert heads == ["flights", PRIOR, NOTHING, f"{NOTHING}: reached", "lead of the prior"]
+    assert first == ["0", "0.700 ± 0.226", "0.600 ± 0.226", "100.0 %", "+0.100 ± 0.000"]
+    assert last == ["2", "0.000 ± 0.000", "0.000 ± 0.000", "90.0 %", "+0.000 ± 0.000"]
+    assert len(summary(data.sel(arm=[PRIOR]))[0]) == 2
 
 
 def test_a_threshold_without_anything_to_gain_is_refused() -> None:

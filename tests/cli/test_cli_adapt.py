@@ -16,6 +16,7 @@ def test_it_leaves_curves_maps_and_a_picture(place: Path, cli: Cli) -> None:
     assert result.code == 0, result.err
     assert "map-prior" in result.out
     assert "mean score 0.9" in result.out
+    assert "correlation" in result.out
     with xr.open_dataset(place / "study" / "adapt.nc", engine="h5netcdf") as data:
         first = data.load()
     assert first["score"].shape == (2, 2, 3)

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import tyro
 from pydantic import Field
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from cellpilot.adapt import ARMS, adapt, make_transfer, make_transfer_maps, read_place, verdict
+from cellpilot.adapt import ARMS, adapt, in_words, make_transfer, make_transfer_maps, read_place, summary, verdict
 from cellpilot.cli.console import out, share_bar, warn
 from cellpilot.cli.options import command_line, parse
 from cellpilot.errors import InputError
-from cellpilot.evaluate.statistics import mean_interval
 from cellpilot.experiment import make_task, threshold_warning
 from cellpilot.maps import grid_of, save_map
 from cellpilot.provenance import versions, write_atomically
@@ -21,8 +21,6 @@ from cellpilot.scenario import RewardSettings, Scenario, Settings
 
 if TYPE_CHECKING:
     from xarray import Dataset
-
-SHOWN_FLIGHTS = (0, 1, 3, 5, 10, 20, 50, 100, 200, 500, 1_000)
 
 
 class AdaptOptions(Settings):
@@ -80,21 +78,12 @@ def _rewards_of(scenario: Scenario) -> RewardSettings:
 
 
 def _show(data: "Dataset", title: str) -> None:
-    table = Table(title=f"{title}: mean score over {data.sizes['seed']} seeds (95 % interval), share of pairs reached")
-    flights = [int(n) for n in data["flights"].values]
-    table.add_column("flights", justify="right")
-    for arm in data["arm"].values:
-        table.add_column(str(arm), justify="right", no_wrap=True)
-        table.add_column("reached", justify="right", no_wrap=True)
-    for k, n in enumerate(flights):
-        if n in SHOWN_FLIGHTS or n == flights[-1]:
-            row = [str(n)]
-            for arm in data["arm"].values:
-                column = data.sel(arm=arm).isel(flights=k)
-                scores = column["score"].values
-                low, high = mean_interval(scores)
-                row += [f"{scores.mean():.3f} ({low:.3f} to {high:.3f})", f"{column['reached_share'].values.mean():.2%}"]
-            table.add_row(*row)
+    heads, *rows = summary(data)
+    table = Table(title=f"{title}: mean score over {data.sizes['seed']} seeds ± half of its 95 % interval", box=SIMPLE_HEAD)
+    for head in heads:
+        table.add_column(head, justify="right")
+    for row in rows:
+        table.add_row(*row)
     out.print(table)
-    for line in verdict(data):
+    for line in [in_words(data), *verdict(data)]:
         out.print(line)

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
@@ -15,30 +16,49 @@ LINES = (
     Line("", PURPLE, (0, (1, 1))),
     Line("", ORANGE, (0, (3, 1, 1, 1, 1, 1))),
 )
-LOWEST_SCORE = -0.5
-"""The axis of scores reaches no lower: a policy that hardly arrives would hide all others."""
+FLIGHT_TICKS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
+BEND = 0.1
+"""Below 0 the axis of scores goes over to a logarithmic one, as fast as this: an arm that hardly arrives hides no other."""
+TICKS = (-1000.0, -100.0, -10.0, -1.0, -0.3, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 def draw_adapt(data: xr.Dataset) -> Figure:
-    """Mean score over seeds with its 95 % interval, after each number of flights; the axis is linear up to one flight."""
-    figure, axes = single_axes(width_in=PAGE_WIDTH_IN, height_in=3.6)
+    """Mean score over seeds with its 95 % interval, after each number of flights.
+
+    Flights are linear up to one and logarithmic from there on, scores linear above 0 and logarithmic below.
+    """
+    figure, axes = single_axes(width_in=PAGE_WIDTH_IN, height_in=3.8)
     flights = data["flights"].values
     lowest, labels = 0.0, json.loads(data.attrs.get("labels", "{}"))
     for i, arm in enumerate(data["arm"].values):
         scores = data["score"].sel(arm=arm).transpose("seed", "flights").values
         low, high = zip(*(mean_interval(column) for column in scores.T), strict=True)
         line = LINES[i % len(LINES)]
-        axes.fill_between(flights, low, high, color=line.colour, alpha=0.18, linewidth=0)
+        axes.fill_between(flights, low, high, color=line.colour, alpha=0.25, linewidth=0)
         look = {"color": line.colour, "linestyle": line.style, "marker": "o", "markersize": 3}
         axes.plot(flights, scores.mean(0), label=labels.get(str(arm), str(arm)), **look)
         lowest = min(lowest, *low)
     for level, name in ((0.0, "greedy baseline"), (1.0, "exact optimum")):
         axes.axhline(level, color=GREY, linestyle=":", linewidth=1.0)
         axes.annotate(name, (flights[-1], level), xytext=(0, 2), textcoords="offset points", ha="right", fontsize=8, color=GREY)
-    axes.set_xscale("symlog", linthresh=1)
+    axes.set_xscale("symlog", linthresh=1, linscale=0.5)
+    axes.set_xticks([n for n in FLIGHT_TICKS if n <= flights[-1]])
     axes.xaxis.set_major_formatter("{x:g}")
-    axes.set(xlabel="flights on the unknown network [1]", ylabel="score [1]", xlim=(0, flights[-1]))
-    axes.set_ylim(max(LOWEST_SCORE, lowest - 0.05), 1.08)
+    axes.set_yscale("function", functions=(_squeezed, _stretched))
+    axes.set_yticks([tick for tick in TICKS if tick >= lowest])
+    axes.set(xlabel="flights on the unknown network [1]", ylabel="score [1]", xlim=(-0.04, 1.06 * flights[-1]))
+    axes.set_ylim(1.3 * lowest - 0.05, 1.1)
+    if lowest < 0:
+        axes.set_ylabel("score [1], logarithmic below 0")
     axes.set_title(f"{data.attrs.get('title', '')} · mean and 95 % interval over {data.sizes['seed']} seeds".removeprefix(" · "))
     legend_below(figure, axes.get_legend_handles_labels()[0])
     return figure
+
+
+def _squeezed(score: np.ndarray) -> np.ndarray:
+    """Height of a score on paper: itself above 0, below it a logarithm that begins with the same slope."""
+    return np.where(score < 0, -BEND * np.log1p(np.maximum(-score, 0) / BEND), score)
+
+
+def _stretched(height: np.ndarray) -> np.ndarray:
+    return np.where(height < 0, -BEND * np.expm1(np.maximum(-height, 0) / BEND), height)

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from cellpilot.envs.arena import Arena, make_arena
-from cellpilot.learn.algorithms.fqi_her import FittedState, learned_policy, optimize, renew_targets
+from cellpilot.grid import Grid
+from cellpilot.learn.algorithms.fqi_her import FittedState, initial_state, learned_policy, optimize, renew_targets, train_chunk
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import receiver, start_and_goal
 from cellpilot.learn.penalty import Measurements, measure, penalty_model
@@ -32,6 +33,17 @@ class OnlineSettings:
     rounds_per_flight: int = 5  # of targets and updates, after each flight
     learning_rate: float = 1e-3
     temperature: float = 0.1  # of the Boltzmann policy that flies
+
+
+def train_beforehand(settings: FQIHER, world: World, task: Task, seed: int) -> FittedState:
+    """FQI-HER trained in `world`, all rounds in one call.
+
+    `train_chunk` is compiled once for all seeds that one process trains; the trainer compiles it anew each time.
+    """
+    settings.check_fits(task)
+    arena = make_arena(world)
+    state, rounds = initial_state(settings, arena, seed), settings.rounds
+    return train_chunk(state, arena, jnp.int32(seed), jnp.int32(rounds), settings=settings, task=task, length=rounds)[0]
 
 
 def remembered(memory: Measurements) -> Measurements:
@@ -102,7 +114,7 @@ def learn_online(
     flight = 0
     for checkpoint in checkpoints:
         while flight < checkpoint:
-            boltzmann = replace(_policy(state, settings, world, task), temperature=online.temperature)
+            boltzmann = replace(argmax_policy(state, settings, world.grid, task), temperature=online.temperature)
             cells, sinr_db, n_steps = _fly(boltzmann, world, task, seed, flight)
             state = learn_from_flight(
                 state,
@@ -116,11 +128,12 @@ def learn_online(
                 n_rounds=online.rounds_per_flight,
             )
             flight += 1
-        yield _policy(state, settings, world, task)
+        yield argmax_policy(state, settings, world.grid, task)
 
 
-def _policy(state: FittedState, settings: FQIHER, world: World, task: Task) -> LearnedPolicy:
-    return LearnedPolicy(learned_policy(state, settings, world.grid.sides, {"task": asdict(task)}), world.grid)
+def argmax_policy(state: FittedState, settings: FQIHER, grid: Grid, task: Task) -> LearnedPolicy:
+    """What the state flies."""
+    return LearnedPolicy(learned_policy(state, settings, grid.sides, {"task": asdict(task)}), grid)
 
 
 def _fly(policy: LearnedPolicy, world: World, task: Task, seed: int, flight: int) -> tuple[np.ndarray, np.ndarray, int]:
