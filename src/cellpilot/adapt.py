@@ -47,6 +47,7 @@ class Transfer:
     task: Task
     prepared: World  # map A on the grid of B; it may be wrong everywhere
     truth: World  # map B, without uncertainty
+    deep: FQIHER  # how the deep policy is trained on map A
 
 
 Arm = Callable[[Transfer, int, Sequence[int]], Iterator[Policy]]
@@ -73,20 +74,20 @@ def _trained(transfer: Transfer, seed: int) -> "FittedState":
     """FQI-HER trained on map A, once for both arms that fly it, which follow each other."""
     from cellpilot.learn.algorithms.fqi_her_online import train_beforehand
 
-    return train_beforehand(FQIHER(), transfer.prepared, transfer.task, seed)
+    return train_beforehand(transfer.deep, transfer.prepared, transfer.task, seed)
 
 
 def _frozen(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
     from cellpilot.learn.algorithms.fqi_her_online import argmax_policy
 
-    policy = argmax_policy(_trained(transfer, seed), FQIHER(), transfer.truth.grid, transfer.task)
+    policy = argmax_policy(_trained(transfer, seed), transfer.deep, transfer.truth.grid, transfer.task)
     yield from [policy] * len(checkpoints)
 
 
 def _online(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
     from cellpilot.learn.algorithms.fqi_her_online import learn_online
 
-    yield from learn_online(_trained(transfer, seed), FQIHER(), transfer.truth, transfer.task, seed, checkpoints)
+    yield from learn_online(_trained(transfer, seed), transfer.deep, transfer.truth, transfer.task, seed, checkpoints)
 
 
 PRIOR, NOTHING, FROZEN, ONLINE = "map-prior", "map-nothing", "deep-frozen", "deep-online"
@@ -181,7 +182,7 @@ def _curve(
 def _mark(transfer: Transfer, checkpoints: Sequence[int]) -> str:
     """Names everything a curve depends on besides arm and seed."""
     truth, prepared = transfer.truth, transfer.prepared
-    text = repr((transfer.task, truth.noise_std_db, truth.grid, PRIOR_SETTINGS, MapLearnerSettings(), FQIHER(), checkpoints))
+    text = repr((transfer.task, truth.noise_std_db, truth.grid, PRIOR_SETTINGS, MapLearnerSettings(), transfer.deep, checkpoints))
     return digest([truth.sinr_db, truth.blocked, prepared.sinr_db, np.frombuffer(text.encode(), np.uint8)])
 
 
@@ -363,7 +364,7 @@ def _shared(axis: str, a_m: np.ndarray, b_m: np.ndarray) -> tuple[tuple[int, int
     return (shared[0], shared[-1] + 1), (first, first + len(shared))
 
 
-def make_transfer(map_a: "RadioMap", map_b: "RadioMap", task: Task, noise_std_db: float) -> Transfer:
+def make_transfer(map_a: "RadioMap", map_b: "RadioMap", task: Task, noise_std_db: float, deep: FQIHER | None = None) -> Transfer:
     """The transfer between two maps of one grid; holes of A are its mean at their height.
 
     What is uncertain about a measured B is set aside: its map is the truth. `InputError` for a map that is too large.
@@ -373,4 +374,4 @@ def make_transfer(map_a: "RadioMap", map_b: "RadioMap", task: Task, noise_std_db
         raise InputError(f"the maps have {truth.grid.n_cells:,} cells; adapt can hold {MAX_CELLS:,}: use larger bins or a part")
     truth = replace(truth, sinr_std_db=np.zeros_like(truth.sinr_std_db))
     prepared_db = without_holes(truth.grid, map_a["sinr_db"].values.ravel().astype(np.float64), task.threshold_db)
-    return Transfer(task, replace(truth, sinr_db=prepared_db.astype(np.float32)), truth)
+    return Transfer(task, replace(truth, sinr_db=prepared_db.astype(np.float32)), truth, deep or FQIHER())

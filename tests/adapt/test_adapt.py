@@ -219,10 +219,9 @@ def test_words_about_a_prior_that_helps_first_and_harms_later() -> None:
 
 
 @pytest.mark.slow
-def test_the_deep_arms_know_a_and_only_one_of_them_learns(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_deep_arms_know_a_and_only_one_of_them_learns() -> None:
     settings = FQIHER(rounds=40, flights=16, batch_size=256, hidden_units=32)
-    monkeypatch.setattr("cellpilot.adapt.FQIHER", lambda: settings)
-    data = adapt(make_transfer(hills(), hills(phase=1.5), TASK, 0.0), 15, 1, (FROZEN, ONLINE))
+    data = adapt(make_transfer(hills(), hills(phase=1.5), TASK, 0.0, settings), 15, 1, (FROZEN, ONLINE))
     frozen, online = (data["score"].sel(arm=arm, seed=0).values for arm in (FROZEN, ONLINE))
     assert (frozen == frozen[0]).all()
     assert online[0] != online[-1]

@@ -15,6 +15,7 @@ from cellpilot.cli.console import out, share_bar, warn
 from cellpilot.cli.options import command_line, parse
 from cellpilot.errors import InputError
 from cellpilot.experiment import make_task, threshold_warning
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.maps import grid_of, save_map
 from cellpilot.provenance import versions, write_atomically
 from cellpilot.scenario import RewardSettings, Scenario, Settings
@@ -33,6 +34,7 @@ class AdaptOptions(Settings):
     arms: tuple[str, ...] = Field(tuple(ARMS), description="what is compared", strict=False)
     bin_m: float = Field(40.0, gt=0, allow_inf_nan=False, description="side of a cell of measured logs [m]")
     calibrate: str | None = Field(None, description="map or log of the same network known beforehand: gives A its mean level")
+    deep_rounds: int = Field(FQIHER().rounds, ge=1, description="rounds of FQI-HER on A; many cells or few good ones need more")
     out: Path | None = Field(None, description="folder of the results; default runs/adapt-A-B; it goes on there", strict=False)
     task: RewardSettings = RewardSettings()
 
@@ -48,7 +50,8 @@ def main(arguments: Sequence[str]) -> int:
     calibration = None if options.calibrate is None else read_place(options.calibrate, options.bin_m)[0]
     map_a, map_b = make_transfer_maps(a, b, calibration)
     noise_std_db = options.task.noise_std_db
-    transfer = make_transfer(map_a, map_b, make_task(options.task, grid_of(map_b)), noise_std_db)
+    deep = FQIHER(rounds=options.deep_rounds)
+    transfer = make_transfer(map_a, map_b, make_task(options.task, grid_of(map_b)), noise_std_db, deep)
     warn(threshold_warning(transfer.truth, options.task.threshold_db))
     folder = options.out or Path("runs") / f"adapt-{Path(options.a).stem}-{Path(options.b).stem}"
     with share_bar("adapt") as progress:
