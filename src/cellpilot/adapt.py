@@ -126,7 +126,8 @@ def adapt(
     import xarray as xr
 
     world, task = transfer.truth, transfer.task
-    greedy, optimal = (deterministic_figures(world, task, p) for p in (GreedyPolicy(world), OptimalPolicy(world, task)))
+    policies = GreedyPolicy(world), OptimalPolicy(world, task), OptimalPolicy(transfer.prepared, task)
+    greedy, optimal, optimal_of_a = (deterministic_figures(world, task, policy) for policy in policies)
     if score(greedy, greedy, optimal) is None:
         raise InputError("on map B the optimum is no better than the shortest path: choose a threshold that part of it misses")
     checkpoints = checkpoints_up_to(flights)
@@ -151,6 +152,7 @@ def adapt(
             "noise_std_db": world.noise_std_db,
             "greedy_return": greedy.return_mean,
             "optimal_return": optimal.return_mean,
+            "score_of_optimum_of_a": score(optimal_of_a, greedy, optimal),
             "labels": json.dumps({name: LABELS[name] for name in arms}),
         }
         | likeness(transfer),
@@ -241,12 +243,12 @@ def _with_interval(values: "xr.DataArray", form: str = ".3f") -> list[str]:
 
 
 def in_words(data: "xr.Dataset") -> str:
-    """How like A and B are, as `likeness` found."""
+    """How like A and B are, as `likeness` found, and what the best of all policies of A is worth in B."""
     like = data.attrs
     return (
         f"A and B: correlation {like['correlation']:.2f}; {like['threshold_agreement']:.0%} of the cells on the same side of the "
         f"threshold (below it: {like['low_share_a']:.0%} in A, {like['low_share_b']:.0%} in B); mean of A minus mean of B "
-        f"{like['level_difference_db']:+.1f} dB"
+        f"{like['level_difference_db']:+.1f} dB; the exact optimum of A scores {like['score_of_optimum_of_a']:.3f} in B"
     )
 
 

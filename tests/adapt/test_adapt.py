@@ -158,6 +158,7 @@ def test_curves_repeat_and_only_the_arm_with_a_prior_knows_a() -> None:
 def test_a_right_prior_is_near_the_optimum_before_the_first_flight() -> None:
     data = adapt(make_transfer(hills(), hills(), TASK, 0.0), 1, 1, MAP_ARMS)
     before = {arm: float(data["score"].sel(arm=arm, flights=0, seed=0)) for arm in MAP_ARMS}
+    assert data.attrs["score_of_optimum_of_a"] == 1.0
     assert before[PRIOR] > 0.8
     assert before[PRIOR] > before[NOTHING] + 0.3
 
@@ -172,7 +173,7 @@ def test_how_like_two_maps_are() -> None:
     low_a, low_b = (m["sinr_db"].values.ravel()[:63] < TASK.threshold_db for m in (a, b))
     assert (like["low_share_a"], like["low_share_b"]) == pytest.approx((low_a.mean(), low_b.mean()))
     assert like["threshold_agreement"] == pytest.approx((low_a == low_b).mean())
-    assert "correlation 1.00" in in_words(xr.Dataset(attrs=like))
+    assert "correlation 1.00" in in_words(xr.Dataset(attrs=like | {"score_of_optimum_of_a": 0.5}))
     flat = likeness(make_transfer(a * 0, b, TASK, 0.0))
     assert np.isnan(flat["correlation"])
 
