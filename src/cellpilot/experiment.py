@@ -12,6 +12,7 @@ from cellpilot.learn.algorithms.base import AlgorithmSettings
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
+from cellpilot.policies.pair_value import ARCHITECTURE
 from cellpilot.provenance import digest
 from cellpilot.scenario import (
     AnyLearnerSettings,
@@ -167,9 +168,10 @@ def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -
     usual = abs(task.rho_goal) + abs(task.rho_sinr) + abs(task.rho_step) + abs(task.rho_blocked)
     if highest <= greatest + usual and lowest >= 2 * least - usual:  # some over-estimation is usual
         return None
+    mend = "lower --learner.learning-rate" if parameters.architecture == ARCHITECTURE else "leave --learner.clip-targets on"
     return (
         f"training has diverged: values from {lowest:.3g} to {highest:.3g}, where a flight earns {least:g} to {greatest:g};"
-        " use another seed, or leave --learner.clip-targets on"
+        f" use another seed, or {mend}"
     )
 
 

@@ -321,6 +321,7 @@ def _write_history(run: Run, result: "TrainingResult") -> None:
         },
         coords={"episode": np.arange(settings.rounds)},
         attrs={
+            "algorithm": settings.algorithm,
             "exploration": "boltzmann" if settings.explores_by == "temperature" else "epsilon-greedy",
             "counts": settings.counts,
             "seed": run.seed,

@@ -1,7 +1,7 @@
 """Studies over many trainings or many rewards: the ablation of section 5.4 and the sensitivity of section 4.2.2."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Polic
 from cellpilot.policies.learned import save_parameters
 from cellpilot.provenance import write_atomically
 from cellpilot.runs import Run
+from cellpilot.scenario import Scenario
 from cellpilot.task import Task
 
 if TYPE_CHECKING:
@@ -26,12 +27,24 @@ if TYPE_CHECKING:
 VARIANTS = {"DQN": (False, False), "DDQN": (True, False), "DQN+HER": (False, True), "DDQN+HER": (True, True)}
 """Figure 5.19: name -> (double, hindsight)."""
 
+PUBLISHED = "ddqn-her"
+"""The thesis's algorithm, which alone has these two switches."""
+
 EARLY_EPISODES = 3_000
 """The first part of training, over which the area under the learning curve is compared."""
 
 RATIOS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 GOAL_REWARDS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 SENSITIVITY_METRICS = ("low_sinr_share", "path_ratio_mean", "path_ratio_p90", "reached_share")
+
+
+def check_ablation(scenario: Scenario) -> None:
+    """`InputError` if the scenario's learner has no double learning and hindsight to switch off."""
+    if scenario.learner.algorithm != PUBLISHED:
+        raise InputError(
+            f"the ablation switches double learning and hindsight of {PUBLISHED}, but {scenario.name} trains "
+            f"{scenario.learner.algorithm}: add --learner.algorithm {PUBLISHED}"
+        )
 
 
 def ablation(run: Run, n_seeds: int, progress: Callable[[float], None] = lambda share: None) -> "xr.Dataset | None":
@@ -186,6 +199,8 @@ def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> Learn
         result = train(settings, task, arena, run.seed, checkpoint=checkpoint, fingerprint=mark, progress=share)
         if not result.finished:
             return None
-        save_parameters(result.policy_parameters(run.world.grid.sides, {}), file)
+        save_parameters(result.policy_parameters(run.world.grid.sides, {"task": asdict(task)}), file)
         checkpoint.unlink()
-    return LearnedPolicy(load_parameters(file), run.world.grid, run.scenario.evaluation.boltzmann_temperature)
+    # What one would fly: arg max of near-exact values, but that of the published learner's circles.
+    temperature = run.scenario.evaluation.boltzmann_temperature if settings.algorithm == PUBLISHED else None
+    return LearnedPolicy(load_parameters(file), run.world.grid, temperature)

@@ -27,6 +27,19 @@ n_sampled = 100
 """
 """4 x 4 cells, 60 flights; some cells lie below the threshold and some above, so nothing is warned of."""
 
+BRIEF = {
+    "rounds": 5,
+    "flights": 8,
+    "steps_per_round": 8,
+    "updates_per_round": 2,
+    "batch_size": 64,
+    "goals_per_round": 8,
+    "sweeps": 2,
+    "hidden_units": 8,
+}
+"""Settings of a training of FQI-HER that is short rather than good."""
+BRIEF_FLAGS = tuple(word for name, value in BRIEF.items() for word in (f"--learner.{name.replace('_', '-')}", str(value)))
+
 
 @dataclass(frozen=True)
 class Result:

@@ -3,8 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 import xarray as xr
-from cli_tools import Cli
+from cli_tools import BRIEF_FLAGS, Cli
+
+from cellpilot import studies
 
 FEW = ("--learner.episodes", "12", "--learner.replay-start", "100")
 
@@ -55,3 +58,11 @@ def test_the_sensitivity_of_the_optimum_is_exact(place: Path, cli: Cli) -> None:
     file.unlink()
     assert cli("sensitivity", "tiny.toml", "--out", "study").code == 0
     assert np.array_equal(values(file, "low_sinr_share"), low)
+
+
+def test_the_sensitivity_trains_the_near_exact_learner_too(place: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(studies, "RATIOS", ())
+    monkeypatch.setattr(studies, "GOAL_REWARDS", (5.0,))
+    result = cli("sensitivity", "tiny.toml", "--learner.algorithm", "fqi-her", *BRIEF_FLAGS, "--learned", "--out", "study")
+    assert result.code == 0, result.err
+    assert values(place / "study" / "sensitivity.nc", "policy").tolist() == ["greedy", "optimal", "learned/argmax"]

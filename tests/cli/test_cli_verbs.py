@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_tools import Cli, strict_json
+from cli_tools import BRIEF_FLAGS, Cli, strict_json
 
 from cellpilot import __version__
 from cellpilot.cli.main import VERBS
@@ -67,12 +67,19 @@ def test_run_makes_map_policy_evaluation_and_report(place: Path, cli: Cli) -> No
     assert str(place) not in (run / "run.json").read_text()
 
 
-def test_run_on_a_measured_log(log: Path, place: Path, cli: Cli) -> None:
-    learner = ["--learner.episodes", "20", "--learner.replay-start", "100", "--evaluation.n-sampled", "50"]
-    result = cli("run", "ukm-30m", "--map.logs", "30m.csv", "--map.bin-m", "120", *learner, "--out", "new")
+def test_run_on_a_measured_log_trains_the_near_exact_learner(log: Path, place: Path, cli: Cli) -> None:
+    few = (*BRIEF_FLAGS, "--evaluation.n-sampled", "50")
+    result = cli("run", "ukm-30m", "--map.logs", "30m.csv", "--map.bin-m", "120", *few, "--out", "new")
     assert result.code == 0, result.err
     assert {path.name for path in (place / "new").iterdir()} >= RUN_FILES
     assert load_map(place / "new" / "map.nc").attrs["source"] == "measured log"
+    page = (place / "new" / "report.html").read_text()
+    assert "<dt>learner</dt><dd>fqi-her</dd>" in page
+    y, x = np.nonzero(~load_map(place / "new" / "map.nc")["blocked"].values[0])
+    places = ("--start", f"{x[0]},{y[0]},0", "--goal", f"{x[-1]},{y[-1]},0")
+    route = strict_json(cli("plan", "new", *places, "--policy", "learned", "--json").out)
+    assert route["policy"] == "learned/argmax"
+    assert strict_json(cli("evaluate", "new", "--json").out)["policies"].keys() == set(POLICIES)
 
 
 def test_evaluate_prints_nothing_but_json(place: Path, cli: Cli) -> None:

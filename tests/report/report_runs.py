@@ -109,7 +109,7 @@ def evaluation_dataset(result: Evaluation, task: Task, scenario: str, noise_std_
     )
 
 
-def made_up_training(episodes: int, seed: int = 0) -> xr.Dataset:
+def made_up_training(episodes: int, seed: int = 0, counts: str = "episodes") -> xr.Dataset:
     """Curves with the look of a training."""
     rng = np.random.default_rng(seed)
     progress = np.arange(episodes) / episodes
@@ -123,7 +123,7 @@ def made_up_training(episodes: int, seed: int = 0) -> xr.Dataset:
             "reached": ("episode", reached),
             "exploration": ("episode", np.maximum(2 - 3.8 * progress, 0.1).astype(np.float32)),
         },
-        attrs={"exploration": "boltzmann", "seed": 3},
+        attrs={"exploration": "boltzmann", "counts": counts, "seed": 3},
     )
 
 

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from report_runs import random_parameters, small_map, write_run
+from report_runs import made_up_training, random_parameters, small_map, write_run
 from rich.console import Console
 
 from cellpilot.errors import InputError
@@ -20,9 +21,11 @@ from cellpilot.evaluate import METRICS, Evaluation
 from cellpilot.report import text_table, write_report
 from cellpilot.report.content import load_content
 from cellpilot.report.figures import FIGURES
+from cellpilot.report.learning import draw_training
 from cellpilot.report.numbers import percent
 from cellpilot.report.style import drawing_settings
 from cellpilot.report.thesis import PUBLISHED
+from cellpilot.report.words import summary_paragraphs
 from cellpilot.world import World
 
 Reported = tuple[Path, Evaluation]
@@ -196,6 +199,22 @@ def test_policy_figures_say_whose_actions_they_show(full: Reported, bare: Report
     for (folder, _), words in ((full, "learned, arg max"), (bare, "nothing is learned")):
         titles = [axes.get_title() for axes in FIGURES["policy_low_goal"].draw(load_content(folder)).axes]  # type: ignore[union-attr]
         assert any(words in title for title in titles)
+
+
+@pytest.mark.parametrize("counts", ["episodes", "rounds"])
+def test_the_learning_curve_counts_what_the_learner_counts(full: Reported, counts: str) -> None:
+    figure = draw_training(replace(load_content(full[0]), training=made_up_training(100, counts=counts)))
+    assert figure is not None
+    texts = [figure.axes[-1].get_xlabel(), *(text.get_text() for text in figure.axes[0].get_legend().get_texts())]
+    assert texts == [f"training {counts} [1]", "10th to 90th percentile", f"mean of 10 {counts}"]
+
+
+def test_sums_that_are_one_but_for_rounding_are_no_failure(full: Reported) -> None:
+    run = load_content(full[0])
+    run.metrics["policies"]["learned/argmax"]["reached_share"] = 1 - 1e-13
+    (text,) = (text for text in summary_paragraphs(run) if "arg max" in text)
+    assert "It reaches the goal in every flight" in text
+    assert "fails" not in text
 
 
 def payload(result: Evaluation, scenario: str) -> dict[str, Any]:

@@ -248,7 +248,13 @@ def test_the_measured_scenario() -> None:
     assert scenario.map.logs == ()
 
 
-def test_the_quick_scenario_is_smaller_than_the_thesis() -> None:
-    scenario = load_scenario(find_scenario("quick"))
-    assert scenario.learner.episodes < 30_000
-    assert scenario.learner.replay_start < 50_000
+def test_the_quick_scenario_is_smaller_than_the_exact_one() -> None:
+    quick, exact = (load_scenario(find_scenario(name)) for name in ("quick", "exact-2d"))
+    assert (quick.task, quick.evaluation) == (exact.task, exact.evaluation)
+    assert quick.map.bin_m > exact.map.bin_m
+    assert quick.learner.rounds < exact.learner.rounds
+
+
+@pytest.mark.parametrize("name", ["quick", "ukm-30m"])
+def test_what_users_start_from_trains_the_near_exact_learner(name: str) -> None:
+    assert load_scenario(find_scenario(name)).learner.algorithm == "fqi-her"

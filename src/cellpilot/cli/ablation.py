@@ -10,7 +10,7 @@ from cellpilot.cli.console import err, out, share_bar
 from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse_scenario
 from cellpilot.runs import open_or_create_run
-from cellpilot.studies import EARLY_EPISODES, ablation, early_return
+from cellpilot.studies import EARLY_EPISODES, ablation, check_ablation, early_return
 
 
 class AblationOptions(ScenarioOptions):
@@ -23,6 +23,7 @@ class AblationOptions(ScenarioOptions):
 def main(arguments: Sequence[str]) -> int:
     """Verb `ablation`."""
     options, scenario = parse_scenario(AblationOptions, arguments, "ablation", "Four variants of the learner over seeds.")
+    check_ablation(scenario)
     use_all_cores(options.seeds)
     run = open_or_create_run(options.out or Path("runs") / f"{scenario.name}-ablation", scenario, command_line())
     with share_bar("ablation") as progress:

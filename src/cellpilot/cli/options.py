@@ -50,6 +50,7 @@ def parse_scenario(kind: type[InScenario], arguments: Sequence[str], verb: str, 
     name, scenario = found if found else ("thesis-2d", Scenario(name="thesis-2d"))
     if (algorithm := _asked_algorithm(arguments)) not in (None, scenario.learner.algorithm):
         scenario = scenario.model_copy(update={"learner": LEARNERS[algorithm]()})
+    _refuse_other_learner(arguments, scenario)
     sections = [section for section in ("map", "task", "learner", "evaluation") if section in kind.model_fields]
     default = kind(scenario=name, **{section: getattr(scenario, section) for section in sections})
     options = parse(kind, arguments, f"cellpilot {verb}", description, default)
@@ -66,6 +67,16 @@ def _asked_algorithm(arguments: Sequence[str]) -> str | None:
                 raise InputError(f"--learner.algorithm is {found!r}; expected one of {', '.join(LEARNERS)}")
             return found
     return None
+
+
+def _refuse_other_learner(arguments: Sequence[str], scenario: Scenario) -> None:
+    """`InputError` for a flag that only another algorithm than the scenario's has."""
+    own = scenario.learner.algorithm
+    for flag in (argument.partition("=")[0] for argument in arguments if argument.startswith("--learner.")):
+        name = flag.removeprefix("--learner.").removeprefix("no-").replace("-", "_")
+        having = [algorithm for algorithm, settings in LEARNERS.items() if name in settings.model_fields]
+        if having and own not in having:
+            raise InputError(f"{flag} is a setting of {having[0]}, but {scenario.name} trains {own}: see its own with --help")
 
 
 def parse(kind: type[Options], arguments: Sequence[str], prog: str, description: str, default: Options | None = None) -> Options:

@@ -86,7 +86,8 @@ FIGURES: dict[str, Entry] = {
     ),
     "training": Entry(
         draw_training,
-        "Training of this run: return of the training flights, share that reached the goal, and how strongly the agent explored.",
+        "Training of this run: return of the training flights, share that reached the goal, and how strongly the agent explored. "
+        "A round stands for the mean of the flights that ended in it.",
         "",
     ),
     "ablation": Entry(

@@ -24,9 +24,9 @@ VARIANT_LINES = {
 EXPLORATION_LABELS = {"boltzmann": "temperature\n[reward]", "epsilon-greedy": "epsilon\n[1]"}
 
 
-def smoothing_window(n_episodes: int) -> int:
-    """Episodes that one point of a curve averages: a hundredth of all, more of a short training."""
-    return max(1, min(n_episodes // 10, 20), n_episodes // 100)
+def smoothing_window(n_rounds: int) -> int:
+    """Episodes, or rounds, that one point of a curve averages: a hundredth of all, more of a short training."""
+    return max(1, min(n_rounds // 10, 20), n_rounds // 100)
 
 
 def windows(values: ArrayLike, window: int) -> tuple[FloatArray, FloatArray]:
@@ -46,10 +46,11 @@ def moving_mean(values: ArrayLike, window: int) -> tuple[FloatArray, FloatArray]
 
 
 def draw_training(run: Content) -> Figure | None:
-    """Return, share that reached and exploration of each training episode; None without training."""
+    """Return, share that reached and exploration of each training episode, or round; None without training."""
     if run.training is None:
         return None
     data = run.training
+    counts = str(data.attrs.get("counts", "episodes"))
     window = smoothing_window(data.sizes["episode"])
     figure = Figure(figsize=(PAGE_WIDTH_IN, 5.2), layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.2, 1))
@@ -57,7 +58,7 @@ def draw_training(run: Content) -> Figure | None:
     mean = view.mean(-1)
     low, high = np.quantile(view, [0.1, 0.9], axis=-1)
     top.fill_between(episode, low, high, color=BLUE, alpha=0.2, linewidth=0, label="10th to 90th percentile")
-    top.plot(episode, mean, color=BLUE, label=f"mean of {window} episodes")
+    top.plot(episode, mean, color=BLUE, label=f"mean of {window} {counts}")
     # The first flights of an untrained agent are far below everything that follows.
     floor, ceiling = np.quantile(low, 0.02), high.max()
     top.set_ylim(floor - 0.05 * (ceiling - floor) - 0.1, ceiling + 0.05 * (ceiling - floor) + 0.1)
@@ -68,7 +69,7 @@ def draw_training(run: Content) -> Figure | None:
     bottom.plot(*moving_mean(data["exploration"].values, 1), color=PURPLE)
     kind = str(data.attrs.get("exploration", ""))
     bottom.set(
-        xlabel=f"training {data.attrs.get('counts', 'episodes')} [1]",
+        xlabel=f"training {counts} [1]",
         ylabel=EXPLORATION_LABELS.get(kind, "exploration\n[1]"),
         ylim=(0, None),
     )

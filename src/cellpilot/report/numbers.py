@@ -4,11 +4,13 @@ import math
 from typing import Any
 
 MISSING = "–"
+EXACT_TO = 1e-9
+"""Shares are sums of probabilities, which are exact only so far."""
 
 
 def percent(share: float, digits: int = 2) -> str:
     """A share as percent; what is neither none nor all is never rounded to 0 or 100."""
-    if abs(share - round(share)) < 1e-9:  # sums of probabilities are exact only so far
+    if abs(share - round(share)) < EXACT_TO:
         share = float(round(share))
     for more in range(digits, digits + 8):
         text = f"{100 * share:.{more}f}"

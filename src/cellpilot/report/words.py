@@ -4,7 +4,7 @@ from typing import Any
 
 from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.report.content import Content
-from cellpilot.report.numbers import count, number, percent
+from cellpilot.report.numbers import EXACT_TO, count, number, percent
 from cellpilot.report.style import policy_line
 
 
@@ -41,7 +41,7 @@ def _learned_sentences(name: str, row: dict[str, Any], greedy: dict[str, Any] | 
     boltzmann = "Boltzmann exploration at temperature"
     flown = policy_line(name).label.removeprefix("learned, ").replace("Boltzmann", boltzmann)
     who, failed = f"The learned policy, flown with {flown},", 1 - row["reached_share"]
-    if failed <= 0:
+    if failed < EXACT_TO:
         return f"{_policy_sentence(who, row, greedy)}; {_score_words(row)}. It reaches the goal in every flight."
     how = "arg max repeats the same moves until" if name == "learned/argmax" else "they are still under way at"
     # Whoever fails circles in good cells, so failure is named before the share of bad steps can impress.
