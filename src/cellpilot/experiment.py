@@ -132,6 +132,14 @@ def _ddqn_her(settings: LearnerSettings) -> DDQNHER:
     )
 
 
+def check_learner(settings: AnyLearnerSettings, task: Task, grid: Grid, n_seeds: int = 1) -> None:
+    """`InputError` before anything slow is imported if the learner cannot be trained so, that many seeds at once."""
+    learner = make_learner(settings)
+    learner.check_fits(task, n_seeds)
+    if isinstance(learner, FQIHER):
+        learner.check_memory_fits(grid.sides, n_seeds)
+
+
 def make_policies(world: World, task: Task, temperature: float, parameters: PolicyParameters | None) -> Sequence[Policy]:
     """Baseline, optima and, where there are parameters, the learned policy twice: arg max and Boltzmann."""
     policies: list[Policy] = [GreedyPolicy(world), OptimalPolicy(world, task), OptimalPolicy.undiscounted(world, task)]

@@ -16,7 +16,7 @@ import numpy as np
 from cellpilot.errors import InputError
 from cellpilot.evaluate import Evaluation, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
-from cellpilot.experiment import fingerprint, make_learner, make_map, make_policies, make_task, shipped_policy
+from cellpilot.experiment import check_learner, fingerprint, make_learner, make_map, make_policies, make_task, shipped_policy
 from cellpilot.policies import OptimalPolicy, PolicyParameters, load_parameters
 from cellpilot.provenance import TEMPORARY, versions, write_atomically
 from cellpilot.scenario import SHIPPED, Scenario, dump_scenario, find_scenario, load_scenario
@@ -81,7 +81,7 @@ def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force:
     occupied = is_occupied(folder, force)
     radio_map = make_map(scenario.map)
     run = _assemble(folder, scenario, seed, radio_map)
-    make_learner(scenario.learner).check_fits(run.task, n_seeds)
+    check_learner(scenario.learner, run.task, run.world.grid, n_seeds)
     OptimalPolicy.undiscounted(run.world, run.task).actions(run.world.free_cells[:1])  # refuses a task without an optimum
     if occupied:
         shutil.rmtree(folder)

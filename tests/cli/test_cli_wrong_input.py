@@ -10,11 +10,15 @@ import pytest
 from cli_tools import TINY, Cli, assert_refused, tree
 
 from cellpilot.cli.main import VERBS
+from cellpilot.envs.arena import make_arena
 from cellpilot.learn import memory
 from cellpilot.learn.algorithms.ddqn_her_settings import EXPERIENCE_BYTES
+from cellpilot.learn.algorithms.fqi_her import initial_state
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.replay import init_replay
 from cellpilot.maps import load_map, save_map
 from cellpilot.scenario import LEARNERS
+from cellpilot.world import World
 
 LOG_HEADER = "Time,Latitude,Longitude,RSRP (LTE pcell),RS SNR"
 PLACES = ("--start", "0,0,0", "--goal", "3,3,0")
@@ -406,6 +410,29 @@ def test_the_figure_is_that_of_the_replay_memory() -> None:
     leaves = jax.tree.leaves(init_replay(1000).experiences)
     assert sum(leaf.nbytes for leaf in leaves) == 1000 * EXPERIENCE_BYTES
     assert (memory.available_bytes() or 0) > 1e8
+
+
+@pytest.mark.parametrize("seeds", [1, 3])
+def test_targets_larger_than_memory_are_refused_with_the_figure(
+    desk: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch, seeds: int
+) -> None:
+    needed = seeds * FQIHER(cached_goals=10).kept_bytes((4, 4, 1))
+    monkeypatch.setattr(memory, "available_bytes", lambda: needed - 1)
+    before = tree(desk)
+    call = ("train", "tiny.toml", "--learner.algorithm", "fqi-her", "--seeds", str(seeds), "--out", "new")
+    figures = (f"{needed / 1e9:.3g} GB", "16 cells", "10 goals", "cached_goals")
+    assert_refused(cli(*call, "--learner.cached-goals", "10"), *figures)
+    assert tree(desk) == before
+
+
+@pytest.mark.parametrize("cached_goals", [7, 2000])
+def test_the_figure_is_that_of_targets_and_tables(desk: Path, cached_goals: int) -> None:
+    world = World.from_map(load_map(desk / "layers.nc"))
+    settings = FQIHER(cached_goals=cached_goals, networks=2, hidden_units=3)
+    state = initial_state(settings, make_arena(world), 0)
+    tables = (state.online.table, state.average.table, state.optimizer.mu.table, state.optimizer.nu.table)
+    kept = (state.cache.target, state.cache.error, state.cache.useful, *tables)
+    assert sum(leaf.nbytes for leaf in kept) == settings.kept_bytes(world.grid.sides)
 
 
 @pytest.mark.parametrize("verb", VERBS)

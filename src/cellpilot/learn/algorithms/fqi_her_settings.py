@@ -4,7 +4,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from cellpilot.errors import InputError
+from cellpilot.learn.memory import check_memory
+from cellpilot.policies.pair_value import Sides, n_rows
 from cellpilot.task import Task
+
+TARGET_BYTES = 9
+"""Of one cell in a column of the cache of targets: two floats of four bytes and one flag."""
+TABLES = 4
+"""Of equal size: the network that is fitted, its average, and the two moments of Adam."""
 
 
 @dataclass(frozen=True)
@@ -56,3 +63,19 @@ class FQIHER:
                 f"distance to the goal; found {task.rho_goal:g}, {task.rho_step:g}, {task.rho_sinr:g}, {task.rho_blocked:g}: "
                 "change the rewards or use ddqn-her"
             )
+
+    def kept_bytes(self, sides: Sides) -> int:
+        """Memory of the cached targets and of the tables of all networks, for one seed."""
+        n_cells = sides[0] * sides[1] * sides[2]
+        targets = min(self.cached_goals, n_cells) * n_cells * TARGET_BYTES
+        return targets + TABLES * self.networks * n_rows(sides) * self.hidden_units * 4
+
+    def check_memory_fits(self, sides: Sides, n_seeds: int = 1) -> None:
+        """`InputError` before anything is compiled if what all seeds keep on this grid is larger than the memory there is."""
+        of_seeds = f" for each of {n_seeds} seeds" if n_seeds > 1 else ""
+        n_cells = sides[0] * sides[1] * sides[2]
+        check_memory(
+            n_seeds * self.kept_bytes(sides),
+            f"fqi-her on {n_cells:,} cells, with targets of {min(self.cached_goals, n_cells):,} goals{of_seeds},",
+            "lower cached_goals or hidden_units" + ", train fewer seeds at once" * (n_seeds > 1) + ", or take larger cells",
+        )
