@@ -25,15 +25,16 @@ from cellpilot.report.figures import save_figure
 from cellpilot.report.style import drawing_settings
 
 HERE = Path(__file__).parent
+TOML = "benchmarks/adapt"
 UKM = ("--bin-m", "50", "--task.threshold-db", "-3", "--task.noise-std-db", "1.3", "--deep-rounds", "600")
 """The threshold of the scenario ukm-30m; noise = spread of the samples within a bin. After 300 rounds, which are enough for the
 400 cells of (a), the deep policy does not yet arrive everywhere on these 486; bins of 50 m instead of 40 halve the cost."""
 STUDIES = {
-    "a": ("Shadowing of seed 1 to shadowing of seed 2", ("adapt/shadowing-1.toml", "adapt/shadowing-2.toml")),
+    "a": ("Shadowing of seed 1 to shadowing of seed 2", (f"{TOML}/shadowing-1.toml", f"{TOML}/shadowing-2.toml")),
     "b": ("UKM at 50 m to UKM at 30 m", ("LOGS/50m.csv", "LOGS/30m.csv", *UKM)),
     "c": (
         "Hexagonal simulation to UKM at 30 m",
-        ("adapt/hexagons.toml", "LOGS/30m.csv", "--calibrate", "LOGS/50m.csv", *UKM),
+        (f"{TOML}/hexagons.toml", "LOGS/30m.csv", "--calibrate", "LOGS/50m.csv", *UKM),
     ),
 }
 """Name -> title, and what `cellpilot adapt` is told; LOGS is the folder of the logs."""
@@ -65,7 +66,7 @@ def main() -> None:
 def placed(text: str, logs: Path) -> str:
     """An argument with the folders it is meant in."""
     if text.endswith(".toml"):
-        return str(HERE / text)
+        return str(HERE.parent / text)
     return str(logs / text.removeprefix("LOGS/")) if text.startswith("LOGS/") else text
 
 

@@ -38,14 +38,15 @@ def draw_adapt(data: xr.Dataset) -> Figure:
         look = {"color": line.colour, "linestyle": line.style, "marker": "o", "markersize": 3}
         axes.plot(flights, scores.mean(0), label=labels.get(str(arm), str(arm)), **look)
         lowest = min(lowest, *low)
-    for level, name in ((0.0, "greedy baseline"), (1.0, "exact optimum")):
+    for level, name in ((0.0, "greedy\nbaseline"), (1.0, "exact\noptimum")):
         axes.axhline(level, color=GREY, linestyle=":", linewidth=1.0)
-        axes.annotate(name, (flights[-1], level), xytext=(0, 2), textcoords="offset points", ha="right", fontsize=8, color=GREY)
+        axes.text(1.01, level, name, transform=axes.get_yaxis_transform(), va="center", fontsize=8, color=GREY)
     axes.set_xscale("symlog", linthresh=1, linscale=0.5)
     axes.set_xticks([n for n in FLIGHT_TICKS if n <= flights[-1]])
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set_yscale("function", functions=(_squeezed, _stretched))
     axes.set_yticks([tick for tick in TICKS if tick >= lowest])
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set(xlabel="flights on the unknown network [1]", ylabel="score [1]", xlim=(-0.04, 1.06 * flights[-1]))
     axes.set_ylim(1.3 * lowest - 0.05, 1.1)
     if lowest < 0:

@@ -28,6 +28,8 @@ SETTINGS: Mapping[str, Any] = {
     "lines.linewidth": 1.6,
     # Type 42 keeps the text of a PDF selectable.
     "pdf.fonttype": 42,
+    # Names inside an SVG follow from what they name: the same figure is the same file.
+    "svg.hashsalt": "cellpilot",
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
 }
