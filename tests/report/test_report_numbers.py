@@ -8,7 +8,7 @@ from report_runs import small_map
 from cellpilot.grid import Grid
 from cellpilot.maps import make_map
 from cellpilot.report.distributions import empirical_cdf, histogram_cdf, path_ratio_cdf, return_limits
-from cellpilot.report.learning import ablation_curves, moving_mean, sensitivity_curves, smoothing_window, windows
+from cellpilot.report.learning import ablation_curves, moving_mean, sensitivity_curves, smoothing_window, windows, without_gaps
 from cellpilot.report.maps import hexagons_m, low_probability_maps, sinr_map_figure
 from cellpilot.report.numbers import percent, show
 from cellpilot.report.plane import cell_edges_m, chosen_heights, site_places_m, special_cells
@@ -52,6 +52,13 @@ def test_moving_mean_takes_whole_windows_and_places_them_at_their_centre() -> No
     assert episode.tolist() == [1.5, 2.5, 3.5]
     assert mean.tolist() == [1.5, 2.5, 4.5]
     assert moving_mean([1.0, 3.0], 5)[1].tolist() == [2.0]
+
+
+def test_a_round_in_which_no_flight_ended_shows_those_of_the_last_that_did() -> None:
+    values, n_steps = [0.0, 4.0, 0.0, 0.0, 7.0], [0.0, 5.0, 0.0, 0.0, 3.0]
+    np.testing.assert_array_equal(without_gaps(values, n_steps), [4.0, 4.0, 4.0, 4.0, 7.0])
+    np.testing.assert_array_equal(without_gaps([1.0, 2.0], [3, 4]), [1.0, 2.0])
+    np.testing.assert_array_equal(without_gaps([0.0, 0.0], [0, 0]), [0.0, 0.0])
 
 
 def test_smoothing_window_never_exceeds_the_training() -> None:

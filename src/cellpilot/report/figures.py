@@ -87,7 +87,7 @@ FIGURES: dict[str, Entry] = {
     "training": Entry(
         draw_training,
         "Training of this run: return of the training flights, share that reached the goal, and how strongly the agent explored. "
-        "A round stands for the mean of the flights that ended in it.",
+        "A round stands for the mean of the flights that ended in it, or in the last round in which one did.",
         "",
     ),
     "ablation": Entry(

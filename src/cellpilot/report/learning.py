@@ -45,16 +45,27 @@ def moving_mean(values: ArrayLike, window: int) -> tuple[FloatArray, FloatArray]
     return episode, view.mean(-1)
 
 
+def without_gaps(values: ArrayLike, n_steps: ArrayLike) -> FloatArray:
+    """Values `[rounds]`; a round in which no flight ended (0 steps) has that of the last before it, else of the first after."""
+    ended = np.flatnonzero(np.asarray(n_steps) > 0)
+    values = np.asarray(values, dtype=float)
+    if not ended.size:
+        return values
+    last = np.searchsorted(ended, np.arange(values.size), side="right") - 1
+    return values[ended[last.clip(0)]]
+
+
 def draw_training(run: Content) -> Figure | None:
     """Return, share that reached and exploration of each training episode, or round; None without training."""
     if run.training is None:
         return None
     data = run.training
     counts = str(data.attrs.get("counts", "episodes"))
+    returns, reached = (without_gaps(data[name].values, data["n_steps"].values) for name in ("episode_return", "reached"))
     window = smoothing_window(data.sizes["episode"])
     figure = Figure(figsize=(PAGE_WIDTH_IN, 5.2), layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.2, 1))
-    episode, view = windows(data["episode_return"].values, window)
+    episode, view = windows(returns, window)
     mean = view.mean(-1)
     low, high = np.quantile(view, [0.1, 0.9], axis=-1)
     top.fill_between(episode, low, high, color=BLUE, alpha=0.2, linewidth=0, label="10th to 90th percentile")
@@ -64,7 +75,7 @@ def draw_training(run: Content) -> Figure | None:
     top.set_ylim(floor - 0.05 * (ceiling - floor) - 0.1, ceiling + 0.05 * (ceiling - floor) + 0.1)
     top.legend(loc="lower right")
     top.set_ylabel("return [reward]")
-    middle.plot(*moving_mean(data["reached"].values, window), color=GREEN)
+    middle.plot(*moving_mean(reached, window), color=GREEN)
     middle.set(ylabel="goal reached\n[share]", ylim=(-0.03, 1.03))
     bottom.plot(*moving_mean(data["exploration"].values, 1), color=PURPLE)
     kind = str(data.attrs.get("exploration", ""))
