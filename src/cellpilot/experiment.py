@@ -129,6 +129,11 @@ def _ddqn_her(settings: LearnerSettings) -> DDQNHER:
         clip_targets=settings.clip_targets,
         architecture=settings.architecture,
         hidden=(settings.hidden_units,) * settings.hidden_layers,
+        n_steps=settings.n_steps,
+        prioritised=settings.prioritised,
+        priority_exponent=settings.priority_exponent,
+        importance_exponent=settings.importance_exponent,
+        networks=settings.networks,
     )
 
 

@@ -125,9 +125,18 @@ class LearnerSettings(Settings):
     hindsight_strategy: Literal["future", "final", "episode"] = Field("future", description="hindsight goals (section 3.3.4)")
     double: bool = Field(True, description="double Q-learning on or off (section 5.4)")
     clip_targets: bool = Field(True, description="clip targets to what a flight can earn (ours: without it some seeds diverge)")
-    architecture: Literal["concatenated", "two-stream"] = Field("concatenated", description="value network (section 3.3.3)")
+    architecture: Literal["concatenated", "two-stream", "dueling"] = Field(
+        "concatenated", description="value network (section 3.3.3; dueling: Wang et al. 2016)"
+    )
     hidden_layers: Count = Field(3, description="hidden layers (section 4.3)")
     hidden_units: Count = Field(50, description="units of each hidden layer (section 4.3)")
+    n_steps: Count = Field(1, le=100, description="steps of the return in a target (Sutton 1988; thesis: 1)")
+    prioritised: bool = Field(False, description="prioritised replay, proportional, on or off (Schaul et al. 2016; thesis: off)")
+    priority_exponent: float = Field(0.6, gt=0, le=1, description="exponent of priorities, alpha (Schaul et al. 2016)")
+    importance_exponent: float = Field(
+        0.4, ge=0, le=1, description="first exponent of the importance weights, beta; the last is 1 (Schaul et al. 2016)"
+    )
+    networks: Count = Field(1, le=2, description="networks; of 2 the smaller value makes the target (Fujimoto et al. 2018)")
 
     @model_validator(mode="after")
     def _consistent(self) -> "LearnerSettings":

@@ -12,7 +12,7 @@ from cli_tools import TINY, Cli, assert_refused, tree
 from cellpilot.cli.main import VERBS
 from cellpilot.envs.arena import make_arena
 from cellpilot.learn import memory
-from cellpilot.learn.algorithms.ddqn_her_settings import EXPERIENCE_BYTES
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, EXPERIENCE_BYTES
 from cellpilot.learn.algorithms.fqi_her import initial_state
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.replay import init_replay
@@ -374,7 +374,7 @@ def test_a_policy_of_another_grid_is_refused(desk: Path, cli: Cli, map_file: str
     assert tree(desk) == before
 
 
-MAY_BE_NOTHING = {"initial_exploration", "final_exploration", "prioritised", "near"}
+MAY_BE_NOTHING = {"initial_exploration", "final_exploration", "importance_exponent", "prioritised", "near"}
 """Numbers of the learners that may be 0; no number may be negative."""
 NUMBERS = [
     (algorithm, name, value)
@@ -394,6 +394,16 @@ def test_a_negative_or_zero_setting_of_a_learner_is_refused(desk: Path, cli: Cli
     assert not (desk / "new").exists()
 
 
+@pytest.mark.parametrize(
+    ("flag", "value"),
+    [("networks", "3"), ("n-steps", "101"), ("n-steps", "1.5"), ("priority-exponent", "1.1"), ("importance-exponent", "nan"),
+     ("architecture", "duelling")],
+)  # fmt: skip
+def test_a_switch_of_the_published_learner_beyond_its_range_is_refused(desk: Path, cli: Cli, flag: str, value: str) -> None:
+    assert_refused(cli("train", "tiny.toml", f"--learner.{flag}={value}", "--out", "new"), flag, value)
+    assert not (desk / "new").exists()
+
+
 @pytest.mark.parametrize("seeds", [1, 3])
 def test_a_replay_larger_than_memory_is_refused_with_the_figure(
     desk: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch, seeds: int
@@ -406,9 +416,13 @@ def test_a_replay_larger_than_memory_is_refused_with_the_figure(
     assert tree(desk) == before
 
 
-def test_the_figure_is_that_of_the_replay_memory() -> None:
-    leaves = jax.tree.leaves(init_replay(1000).experiences)
-    assert sum(leaf.nbytes for leaf in leaves) == 1000 * EXPERIENCE_BYTES
+@pytest.mark.parametrize(("n_steps", "prioritised"), [(1, False), (3, False), (1, True), (2, True)])
+def test_the_figure_is_that_of_the_replay_memory(n_steps: int, prioritised: bool) -> None:
+    replay = init_replay(1000, n_steps > 1, prioritised)
+    leaves = jax.tree.leaves((replay.experiences, replay.priority))
+    counted = DDQNHER(n_steps=n_steps, prioritised=prioritised).experience_bytes
+    assert sum(leaf.nbytes for leaf in leaves) == 1000 * counted
+    assert (counted == EXPERIENCE_BYTES) == (n_steps == 1 and not prioritised)
     assert (memory.available_bytes() or 0) > 1e8
 
 

@@ -15,6 +15,7 @@ from cellpilot.learn.checkpoint import named_leaves, policy_parameters
 from cellpilot.learn.networks import (
     ARCHITECTURES,
     ConcatenatedQ,
+    DuelingQ,
     MultilayerPerceptron,
     QNetwork,
     TwoStreamQ,
@@ -75,6 +76,21 @@ def test_two_stream_network_by_hand() -> None:
     assert (phi.shape, psi.shape) == ((6 * 5,), (5,))
     expected = [sum(phi[5 * action + i] * psi[i] for i in range(5)) for action in range(6)]
     np.testing.assert_allclose(network(jnp.asarray(position), jnp.asarray(goal)), expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("hidden", [(7, 5), (5,)])
+def test_dueling_network_by_hand(hidden: tuple[int, ...]) -> None:
+    network = DuelingQ(2, 4, hidden, jax.random.key(0))
+    position, goal = np.array([0.3, 1.0]), np.array([0.75, 0.1])
+    streams = plain_perceptron(network.trunk, np.concatenate([position, goal]))
+    streams = np.where(streams > 0, streams, 0.01 * streams)
+    assert streams.shape == (2 * 5,)
+    value, advantage = plain_perceptron(network.value, streams[:5]), plain_perceptron(network.advantage, streams[5:])
+    assert (value.shape, advantage.shape) == ((1,), (4,))
+    found = network(jnp.asarray(position), jnp.asarray(goal))
+    np.testing.assert_allclose(found, [value[0] + a - sum(advantage) / 4 for a in advantage], rtol=1e-4)
+    np.testing.assert_allclose(np.mean(found), value[0], rtol=1e-4)  # the advantages have mean 0
+    assert np.std(advantage) > 0.01
 
 
 def trained_on(world: World, architecture: str, seed: int = 0) -> tuple[eqx.Module, PolicyParameters]:

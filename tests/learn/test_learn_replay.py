@@ -24,7 +24,7 @@ def block_of(first: int, rows: int = ROWS) -> Experience:
 
 def numbers(experiences: Experience) -> np.ndarray:
     """The numbers of the rows, after checking that all fields of a row belong together."""
-    transition, goal = jax.tree.map(np.asarray, experiences)
+    transition, goal, _ = jax.tree.map(np.asarray, experiences)
     i = transition.cell
     np.testing.assert_array_equal(transition.action, i % 4)
     np.testing.assert_array_equal(transition.next_cell, i + 1)

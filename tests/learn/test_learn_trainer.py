@@ -307,7 +307,7 @@ def test_optimisation_is_adam_on_the_squared_error(arena: Arena, filled: Learner
     online, adam = state.online, optax.adam(settings.learning_rate)
     moments = adam.init(online)
     for i in range(2):
-        transition, goal = jax.tree.map(lambda field, i=i: np.asarray(field[i]), batches)
+        transition, goal, _ = jax.tree.map(lambda field, i=i: np.asarray(field[i]), batches)
         at = lambda cells: arena.coordinates[cells]
         there = jax.vmap(state.target)(at(transition.next_cell), at(goal))
         chooser = jax.vmap(online)(at(transition.next_cell), at(goal))

@@ -45,6 +45,14 @@ def two_stream(sides: Sides) -> PolicyParameters:
     return PolicyParameters(tensors, "two-stream", sides)
 
 
+def dueling(sides: Sides, shared: tuple[int, ...] = (7, 5)) -> PolicyParameters:
+    """A policy of random weights; the two streams are 6 wide."""
+    dims, rng = 3 if sides[2] > 1 else 2, np.random.default_rng(3)
+    tensors = perceptron(rng, "trunk", (2 * dims, *shared, 2 * 6))
+    tensors |= perceptron(rng, "value", (6, 1)) | perceptron(rng, "advantage", (6, 2 * dims))
+    return PolicyParameters(tensors, "dueling", sides)
+
+
 def pair(sides: Sides, task: Task = PLAIN, look_ahead: int = 1, networks: int = 1, penalty: bool = True) -> PolicyParameters:
     """A policy of random weights, with blocked cells."""
     rng, n, units = np.random.default_rng(2), sides[0] * sides[1] * sides[2], 6
@@ -62,6 +70,8 @@ POLICIES = {
     "concatenated linear": concatenated((4, 3, 1), ()),
     "two-stream 2D": two_stream((4, 3, 1)),
     "two-stream 3D": two_stream((3, 4, 2)),
+    "dueling 2D": dueling((4, 3, 1)),
+    "dueling 3D": dueling((3, 4, 2), ()),
     "pair-value 2D": pair((4, 3, 1)),
     "pair-value 3D": pair((3, 4, 2), HARD),
     "pair-value one row": pair((5, 1, 1)),

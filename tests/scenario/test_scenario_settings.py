@@ -85,6 +85,11 @@ CHANGED_LEARNER = {
     "architecture": "two-stream",
     "hidden_layers": 2,
     "hidden_units": 20,
+    "n_steps": 3,
+    "prioritised": True,
+    "priority_exponent": 0.7,
+    "importance_exponent": 0.0,
+    "networks": 2,
 }
 
 

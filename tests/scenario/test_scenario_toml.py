@@ -97,9 +97,14 @@ learners = st.builds(
     hindsight_strategy=st.sampled_from(["future", "final", "episode"]),
     double=st.booleans(),
     clip_targets=st.booleans(),
-    architecture=st.sampled_from(["concatenated", "two-stream"]),
+    architecture=st.sampled_from(["concatenated", "two-stream", "dueling"]),
     hidden_layers=count,
     hidden_units=count,
+    n_steps=st.integers(1, 100),
+    prioritised=st.booleans(),
+    priority_exponent=st.floats(0.01, 1),
+    importance_exponent=st.floats(0, 1),
+    networks=st.integers(1, 2),
 )
 evaluations = st.builds(
     EvaluationSettings,

@@ -1,10 +1,11 @@
-"""Value networks Q(position, goal) -> one value per action, section 3.3.3: concatenated and two-stream.
+"""Value networks Q(position, goal) -> one value per action, concatenated and two-stream (section 3.3.3), and dueling.
 
 Layers start like PyTorch's: weights and biases uniform in +-1/sqrt(inputs).
 """
 
 from functools import partial
 from itertools import accumulate, pairwise
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -68,11 +69,56 @@ class TwoStreamQ(eqx.Module):
         return self.phi(position).reshape(-1, goal_embedding.size) @ goal_embedding
 
 
-QNetwork = ConcatenatedQ | TwoStreamQ
-ARCHITECTURES: dict[str, type[ConcatenatedQ] | type[TwoStreamQ]] = {"concatenated": ConcatenatedQ, "two-stream": TwoStreamQ}
+class DuelingQ(eqx.Module):
+    """Value + advantage - mean advantage (Wang et al. 2016, equation 9), position and goal side by side as in `ConcatenatedQ`.
+
+    Value and advantages share all hidden layers but the last, of which each has its own. Those two are one layer of twice
+    the width, the last one of `trunk`; its first half belongs to the value.
+    """
+
+    trunk: MultilayerPerceptron
+    value: MultilayerPerceptron
+    advantage: MultilayerPerceptron
+
+    def __init__(self, n_dimensions: int, n_actions: int, hidden: tuple[int, ...], key: Array):
+        key_trunk, key_value, key_advantage = jax.random.split(key, 3)
+        *shared, width = hidden
+        self.trunk = MultilayerPerceptron((2 * n_dimensions, *shared, 2 * width), key_trunk)
+        self.value = MultilayerPerceptron((width, 1), key_value)
+        self.advantage = MultilayerPerceptron((width, n_actions), key_advantage)
+
+    def __call__(self, position: Float[Array, " dims"], goal: Float[Array, " dims"]) -> Float[Array, " actions"]:
+        for_value, for_advantage = jnp.split(leaky_relu(self.trunk(jnp.concatenate([position, goal]))), 2)
+        advantage = self.advantage(for_advantage)
+        return self.value(for_value) + advantage - advantage.mean()
 
 
-def fold(network: QNetwork) -> QNetwork:
+QNetwork = ConcatenatedQ | TwoStreamQ | DuelingQ
+ARCHITECTURES: dict[str, type[ConcatenatedQ] | type[TwoStreamQ] | type[DuelingQ]] = {
+    "concatenated": ConcatenatedQ,
+    "two-stream": TwoStreamQ,
+    "dueling": DuelingQ,
+}
+
+
+class Twins(eqx.Module):
+    """Two networks of which the smaller value counts in targets (Fujimoto et al. 2018); the first one flies."""
+
+    members: tuple[QNetwork, QNetwork]
+
+
+Networks = QNetwork | Twins
+
+
+def members(networks: Networks) -> tuple[QNetwork, ...]:
+    """The networks one by one, the one that flies first."""
+    return networks.members if isinstance(networks, Twins) else (networks,)
+
+
+Tree = TypeVar("Tree", bound=Networks)
+
+
+def fold(network: Tree) -> Tree:
     """The same tree with each linear layer as one matrix `[outputs, inputs + 1]`, the bias its last column.
 
     For `action_values`, which is several times as fast on a CPU as mapping the network over a batch.
@@ -81,7 +127,7 @@ def fold(network: QNetwork) -> QNetwork:
     return jax.tree.map(matrix, network, is_leaf=lambda node: isinstance(node, eqx.nn.Linear))
 
 
-def unfold(folded: QNetwork, like: QNetwork) -> QNetwork:
+def unfold(folded: Tree, like: Tree) -> Tree:
     """The inverse of `fold`; `like` is any network of the same architecture."""
     parts = lambda layer: (layer.weight, layer.bias)
     layer = lambda matrix, old: eqx.tree_at(parts, old, (matrix[:, :-1], matrix[:, -1]))
@@ -97,9 +143,19 @@ def action_values(
     """
     if isinstance(folded, ConcatenatedQ):
         return perceptron(n_gradient, folded.network.layers, jnp.concatenate([position, goal]))
+    if isinstance(folded, DuelingQ):
+        return perceptron(n_gradient, (*folded.trunk.layers, _aggregation(folded)), jnp.concatenate([position, goal]))
     phi = perceptron(n_gradient, folded.phi.layers, position)
     psi = perceptron(n_gradient, folded.psi.layers, goal)
     return (phi.reshape(-1, *psi.shape) * psi).sum(1)
+
+
+def _aggregation(folded: DuelingQ) -> Float[Array, "actions inputs"]:
+    """Value + advantage - mean advantage is linear in what enters it: the last matrix of one perceptron."""
+    value, advantage = jax.tree.leaves((folded.value, folded.advantage))
+    advantage = advantage - advantage.mean(0)
+    value = jnp.broadcast_to(value, (len(advantage), value.shape[1]))
+    return jnp.concatenate([value[:, :-1], advantage[:, :-1], value[:, -1:] + advantage[:, -1:]], axis=1)
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))

@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from cellpilot.envs.arena import draw_integers
 from cellpilot.errors import InputError
+from cellpilot.learn.prioritised import draw_in_proportion, priority_of_new
 from cellpilot.task import Transition
 
 
@@ -17,6 +18,7 @@ class Experience(NamedTuple):
 
     transition: Transition
     goal: Int[Array, "..."]
+    steps_left: Int[Array, "..."] | None = None  # of its flight, this one included; only kept for returns of several steps
 
 
 @jax.tree_util.register_dataclass
@@ -27,6 +29,7 @@ class Replay:
     experiences: Experience  # fields [capacity]
     head: Int[Array, ""]
     size: Int[Array, ""]
+    priority: Float[Array, " capacity"] | None = None  # of prioritised replay; 0 where nothing is stored
 
     @property
     def capacity(self) -> int:
@@ -34,14 +37,16 @@ class Replay:
         return self.experiences.goal.shape[0]
 
 
-def init_replay(capacity: int) -> Replay:
-    """An empty replay memory."""
+def init_replay(capacity: int, with_steps_left: bool = False, prioritised: bool = False) -> Replay:
+    """An empty replay memory; the last two are what is kept besides."""
 
     def whole() -> Array:
         return jnp.zeros(capacity, jnp.int32)
 
     transition = Transition(whole(), whole(), whole(), jnp.zeros(capacity, jnp.float32), jnp.zeros(capacity, bool))
-    return Replay(Experience(transition, whole()), jnp.int32(0), jnp.int32(0))
+    experiences = Experience(transition, whole(), whole() if with_steps_left else None)
+    priority = jnp.zeros(capacity, jnp.float32) if prioritised else None
+    return Replay(experiences, jnp.int32(0), jnp.int32(0), priority)
 
 
 def add(replay: Replay, block: Experience, n: Int[Array, ""]) -> Replay:
@@ -53,10 +58,20 @@ def add(replay: Replay, block: Experience, n: Int[Array, ""]) -> Replay:
     place = jnp.where(row < n, (replay.head + row) % capacity, capacity)
     write = lambda ring, new: ring.at[place].set(new, mode="drop", unique_indices=False)
     experiences = jax.tree.map(write, replay.experiences, block)
-    return Replay(experiences, (replay.head + n) % capacity, jnp.minimum(replay.size + n, capacity))
+    priority = replay.priority
+    if priority is not None:
+        priority = write(priority, priority_of_new(priority))
+    return Replay(experiences, (replay.head + n) % capacity, jnp.minimum(replay.size + n, capacity), priority)
+
+
+def draw_rows(key: Array, replay: Replay, shape: tuple[int, ...]) -> Int[Array, "..."]:
+    """Rows drawn with replacement, uniformly or by priority, `[*shape]`; the memory must not be empty."""
+    if replay.priority is None:
+        return draw_integers(key, shape, replay.size)
+    return draw_in_proportion(key, replay.priority, replay.size, shape)
 
 
 def sample(key: Array, replay: Replay, shape: tuple[int, ...]) -> Experience:
-    """Experiences drawn uniformly with replacement, fields `[*shape]`; the memory must not be empty."""
-    index = draw_integers(key, shape, replay.size)
-    return jax.tree.map(lambda ring: ring[index], replay.experiences)
+    """Experiences of `draw_rows`, fields `[*shape]`."""
+    row = draw_rows(key, replay, shape)
+    return jax.tree.map(lambda ring: ring[row], replay.experiences)

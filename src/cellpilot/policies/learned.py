@@ -21,6 +21,7 @@ FORMAT = "cellpilot-policy-1"
 TENSORS = {
     "concatenated": {"network.layers.0.weight", "network.layers.0.bias"},
     "two-stream": {"phi.layers.0.weight", "phi.layers.0.bias", "psi.layers.0.weight", "psi.layers.0.bias"},
+    "dueling": {f"{part}.layers.0.{kind}" for part in ("trunk", "value", "advantage") for kind in ("weight", "bias")},
     pair_value.ARCHITECTURE: pair_value.TENSORS,
 }
 """Architectures this file can fly, and the tensors that each has at least."""
@@ -32,7 +33,7 @@ class PolicyParameters:
     """Weights by name (`network.layers.0.weight`, ...) and what they were trained for."""
 
     tensors: dict[str, Array32]
-    architecture: str  # concatenated | two-stream
+    architecture: str  # a key of TENSORS
     sides: tuple[int, int, int]
     about: dict[str, Any] = field(default_factory=dict)  # scenario, map digest, task, seed
 
@@ -55,6 +56,10 @@ class PolicyParameters:
             phi, psi = self._perceptron("phi", here), self._perceptron("psi", there)
             return np.einsum("cgak,ngk->cga", phi.reshape(*phi.shape[:2], -1, psi.shape[-1]), psi)
         pair = np.concatenate(np.broadcast_arrays(here, there), axis=-1)
+        if self.architecture == "dueling":
+            for_value, for_advantage = np.split(_leaky_relu(self._perceptron("trunk", pair)), 2, axis=-1)
+            advantage = self._perceptron("advantage", for_advantage)
+            return self._perceptron("value", for_value) + advantage - advantage.mean(-1, keepdims=True)
         return self._perceptron("network", pair)
 
     def _perceptron(self, name: str, x: Array32) -> Array32:
@@ -63,8 +68,12 @@ class PolicyParameters:
         for i in range(n_layers):
             x = x @ self.tensors[f"{name}.layers.{i}.weight"].T + self.tensors[f"{name}.layers.{i}.bias"]
             if i < n_layers - 1:
-                x = np.maximum(x, np.float32(0.01) * x)
+                x = _leaky_relu(x)
         return x
+
+
+def _leaky_relu(x: Array32) -> Array32:
+    return np.maximum(x, np.float32(0.01) * x)
 
 
 @dataclass(frozen=True)

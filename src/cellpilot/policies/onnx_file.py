@@ -139,8 +139,16 @@ class _Value:
 
 
 def _concatenated(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
-    pair = graph.op("Concat", _coordinates(graph, parameters, position), _coordinates(graph, parameters, goal), axis=-1)
-    return _perceptron(graph, parameters, "network", pair)
+    return _perceptron(graph, parameters, "network", _side_by_side(graph, parameters, position, goal))
+
+
+def _dueling(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
+    hidden = _perceptron(graph, parameters, "trunk", _side_by_side(graph, parameters, position, goal))
+    hidden = graph.op("LeakyRelu", hidden, alpha=0.01)
+    width = parameters.tensors["value.layers.0.weight"].shape[1]
+    value = _perceptron(graph, parameters, "value", graph.op("Gather", hidden, np.arange(width), axis=-1))
+    advantage = _perceptron(graph, parameters, "advantage", graph.op("Gather", hidden, width + np.arange(width), axis=-1))
+    return value + advantage - graph.op("ReduceMean", advantage, axes=[-1])
 
 
 def _two_stream(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
@@ -149,6 +157,10 @@ def _two_stream(graph: _Graph, parameters: PolicyParameters, position: _Value, g
     n_features = _layers(parameters, "psi")[-1][1].size
     by_action = graph.op("Reshape", phi, [0, -1, n_features])
     return graph.op("ReduceSum", by_action * graph.op("Unsqueeze", psi, [1]), [-1], keepdims=0)
+
+
+def _side_by_side(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
+    return graph.op("Concat", _coordinates(graph, parameters, position), _coordinates(graph, parameters, goal), axis=-1)
 
 
 def _coordinates(graph: _Graph, parameters: PolicyParameters, position: _Value) -> _Value:
@@ -234,6 +246,7 @@ Builder = Callable[[_Graph, PolicyParameters, _Value, _Value], _Value]
 BUILDERS: dict[str, Builder] = {
     "concatenated": _concatenated,
     "two-stream": _two_stream,
+    "dueling": _dueling,
     pair_value.ARCHITECTURE: _pair_value,
 }
 """What computes the action values of each architecture, from graph, parameters, position and goal."""

@@ -1,9 +1,9 @@
 """DDQN-HER: Double Deep Q-Learning with Hindsight Experience Replay, Algorithms 1 and 2 of the thesis."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import partial, reduce
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,9 +18,11 @@ from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.learn.checkpoint import policy_parameters
 from cellpilot.learn.exploration import NOISE, linear_schedule
 from cellpilot.learn.hindsight import hindsight_goals
-from cellpilot.learn.losses import q_learning_target, squared_td_error
-from cellpilot.learn.networks import ARCHITECTURES, QNetwork, action_values, fold, unfold
-from cellpilot.learn.replay import Experience, Replay, add, init_replay, sample
+from cellpilot.learn.losses import q_learning_target, squared_td_error, td_error
+from cellpilot.learn.n_step import outcome_of_steps
+from cellpilot.learn.networks import ARCHITECTURES, Networks, QNetwork, Twins, action_values, fold, members, unfold
+from cellpilot.learn.prioritised import importance_weights, renew_priorities
+from cellpilot.learn.replay import Experience, Replay, add, draw_rows, init_replay
 from cellpilot.policies.learned import PolicyParameters
 from cellpilot.task import Task
 
@@ -34,8 +36,8 @@ change during it), and each step looks up its row; beyond, each step evaluates t
 class LearnerState:
     """Everything that training changes."""
 
-    online: QNetwork
-    target: QNetwork
+    online: Networks
+    target: Networks
     optimizer: AdamState
     replay: Replay
     episode: Int[Array, ""]
@@ -66,12 +68,14 @@ def empty_rows(length: int) -> EpisodeStatistics:
 def initial_state(settings: DDQNHER, arena: Arena, seed: Int[Array, ""] | int) -> LearnerState:
     """Fresh networks (target equal to online) and an empty replay memory."""
     key = jax.random.fold_in(jax.random.key(seed), 0)
-    network = ARCHITECTURES[settings.architecture](arena.coordinates.shape[1], arena.next_cell.shape[1], settings.hidden, key)
+    sizes = (arena.coordinates.shape[1], arena.next_cell.shape[1], settings.hidden)
+    create = partial(ARCHITECTURES[settings.architecture], *sizes)
+    network = create(key) if settings.networks == 1 else Twins((create(key), create(jax.random.fold_in(key, 1))))
     return LearnerState(
         online=network,
         target=jax.tree.map(jnp.copy, network),
         optimizer=init_adam(network),
-        replay=init_replay(settings.replay_capacity),
+        replay=init_replay(settings.replay_capacity, settings.n_steps > 1, settings.prioritised),
         episode=jnp.int32(0),
         env_steps=jnp.int32(0),
     )
@@ -82,9 +86,10 @@ def populate_memory(key: Array, settings: DDQNHER, replay: Replay, flight: Fligh
     own = jnp.broadcast_to(flight.goal, (flight.transitions.action.size, 1))
     again = hindsight_goals(key, flight, settings.hindsight_ratio, settings.hindsight_strategy)
     goals = jnp.concatenate([own, again], axis=1)
-    copies = goals.shape[1]
-    transitions = jax.tree.map(lambda field: jnp.repeat(field, copies), flight.transitions)
-    return add(replay, Experience(transitions, goals.ravel()), flight.n_steps * copies)
+    steps_left = flight.n_steps - jnp.arange(len(goals)) if settings.n_steps > 1 else None
+    copies = settings.copies
+    transitions, steps_left = jax.tree.map(lambda field: jnp.repeat(field, copies), (flight.transitions, steps_left))
+    return add(replay, Experience(transitions, goals.ravel(), steps_left), flight.n_steps * copies)
 
 
 def collect(
@@ -108,42 +113,80 @@ def collect(
     return fly(key_flight, arena, task, start, goal, lambda cell, t: (q_values(cell) + noise[t]).argmax())
 
 
-def optimize(key: Array, settings: DDQNHER, arena: Arena, task: Task, state: LearnerState) -> LearnerState:
-    """`updates_per_episode` steps of Adam on mini-batches from the replay memory, loss of equation 3.24.
+class Batches(NamedTuple):
+    """Mini-batches with all that the updates do not change; each field has a leading axis of updates until one is taken."""
 
-    The memory does not change between these steps, so all their mini-batches are drawn at once, and the target network,
-    which does not change either, values them all in one pass.
-    """
-    shape = (settings.updates_per_episode, settings.batch_size)
-    batches = sample(key, state.replay, shape)
-    rewards, terminated = task.outcome(batches.transition, batches.goal)
+    position: Float[Array, "*updates dimensions columns"]  # columns: s, then s'
+    goal: Float[Array, "*updates dimensions columns"]
+    action: Int[Array, "*updates batch"]
+    reward: Float[Array, "*updates batch"]
+    terminated: Array
+    q_next_target: Float[Array, "*updates actions batch"]
+    discount: Float[Array, "*updates batch"] | None  # None = the task's
+    weight: Float[Array, "*updates batch"] | None  # None = all alike
+
+
+def prepare(row: Int[Array, "updates batch"], settings: DDQNHER, arena: Arena, task: Task, state: LearnerState) -> Batches:
+    """The mini-batches of these rows of the memory; the target network, which does not change, values all in one pass."""
+    experiences, priority = state.replay.experiences, state.replay.priority
+    outcome = outcome_of_steps(state.replay, row, task, settings.n_steps, settings.copies)
     at = lambda cell: arena.coordinates.T[:, cell]  # [dimensions, updates, batch]
-    position, next_position, goal = at(batches.transition.cell), at(batches.transition.next_cell), at(batches.goal)
+    position, next_position, goal = at(experiences.transition.cell[row]), at(outcome.next_cell), at(experiences.goal[row])
     columns = lambda x: x.reshape(len(x), -1)
-    q_target = action_values(fold(state.target), columns(next_position), columns(goal), 0).reshape(-1, *shape)
-    both = (jnp.concatenate([position, next_position], -1), jnp.concatenate([goal, goal], -1))  # columns: s, then s'
-
-    def update(carry: tuple[QNetwork, AdamState], batch: tuple[Array, ...]) -> tuple[tuple[QNetwork, AdamState], None]:
-        online, adam = carry
-        positions, goals, action, reward, terminated, q_next_target = batch
-
-        def loss(network: QNetwork) -> Array:
-            q, q_next_online = jnp.split(action_values(network, positions, goals, settings.batch_size).T, 2)
-            target = q_learning_target(reward, terminated, q_next_online, q_next_target.T, task.discount, settings.double)
-            if settings.clip_targets:
-                target = jnp.clip(target, *task.value_bounds)
-            return squared_td_error(q, action, target)
-
-        return adam_step(online, jax.grad(loss)(online), adam, settings.learning_rate), None
-
+    of_targets = [action_values(fold(network), columns(next_position), columns(goal), 0) for network in members(state.target)]
+    q_target = reduce(jnp.minimum, of_targets).reshape(-1, *row.shape)
+    weight = None
+    if priority is not None:
+        exponent = 1 - (1 - settings.importance_exponent) * (1 - state.episode / settings.episodes)
+        weight = importance_weights(priority, row, state.replay.size, exponent)
     by_update = lambda x: jnp.moveaxis(x, 1, 0)
-    batch = (*map(by_update, both), batches.transition.action, rewards, terminated, by_update(q_target))
+    return Batches(
+        by_update(jnp.concatenate([position, next_position], -1)),
+        by_update(jnp.concatenate([goal, goal], -1)),
+        experiences.transition.action[row],
+        outcome.reward,
+        outcome.terminated,
+        by_update(q_target),
+        outcome.discount,
+        weight,
+    )
+
+
+def loss(folded: Networks, batch: Batches, settings: DDQNHER, task: Task) -> tuple[Array, Float[Array, " batch"]]:
+    """Loss of equation 3.24, summed over the networks, and the error of each experience, their mean."""
+    n = settings.batch_size
+    first, *others = members(folded)
+    q, q_next_online = jnp.split(action_values(first, batch.position, batch.goal, n).T, 2)
+    discount = task.discount if batch.discount is None else batch.discount
+    target = q_learning_target(batch.reward, batch.terminated, q_next_online, batch.q_next_target.T, discount, settings.double)
+    if settings.clip_targets:
+        target = jnp.clip(target, *task.value_bounds)
+    values = [q] + [action_values(network, batch.position[:, :n], batch.goal[:, :n], n).T for network in others]
+    errors = jnp.stack([jnp.abs(td_error(q, batch.action, target)) for q in values]).mean(0)
+    return jnp.stack([squared_td_error(q, batch.action, target, batch.weight) for q in values]).sum(), errors
+
+
+def optimize(key: Array, settings: DDQNHER, arena: Arena, task: Task, state: LearnerState) -> LearnerState:
+    """`updates_per_episode` steps of Adam on mini-batches from the replay memory.
+
+    The memory does not change between these steps, so all their mini-batches are drawn at once.
+    """
+    row = draw_rows(key, state.replay, (settings.updates_per_episode, settings.batch_size))
+
+    def update(carry: tuple[Networks, AdamState], batch: Batches) -> tuple[tuple[Networks, AdamState], Any]:
+        online, adam = carry
+        gradient, error = jax.grad(loss, has_aux=True)(online, batch, settings, task)
+        return adam_step(online, gradient, adam, settings.learning_rate), error if settings.prioritised else None
+
     adam = state.optimizer
     start = (fold(state.online), AdamState(fold(adam.mu), fold(adam.nu), adam.n_steps))
-    (online, adam), _ = jax.lax.scan(update, start, batch)
+    (online, adam), errors = jax.lax.scan(update, start, prepare(row, settings, arena, task, state))
     network = lambda folded: unfold(folded, state.online)
     adam = AdamState(network(adam.mu), network(adam.nu), adam.n_steps)
-    return eqx.tree_at(lambda s: (s.online, s.optimizer), state, (network(online), adam))
+    replay = state.replay
+    if replay.priority is not None:
+        replay = replace(replay, priority=renew_priorities(replay.priority, row, errors, settings.priority_exponent))
+    return replace(state, online=network(online), optimizer=adam, replay=replay)
 
 
 def run_episode(
@@ -154,7 +197,7 @@ def run_episode(
     exploration = exploration_at(settings, state.episode)
     fly_once = lambda key, arena, network, exploration: collect(key, settings, arena, task, network, exploration)
     # Seeds in one program: mapped over seeds a flight would last as long as the longest one, so they fly one by one.
-    flight = sequential_vmap(fly_once)(key_flight, arena, state.online, exploration)
+    flight = sequential_vmap(fly_once)(key_flight, arena, members(state.online)[0], exploration)
     state = eqx.tree_at(lambda s: s.replay, state, populate_memory(key_hindsight, settings, state.replay, flight))
     state = optimize(key_batches, settings, arena, task, state)
     episode = state.episode + 1
@@ -174,8 +217,8 @@ def exploration_at(settings: DDQNHER, episode: Int[Array, "..."]) -> Float[Array
 def learned_policy(
     state: LearnerState, settings: DDQNHER, sides: tuple[int, int, int], about: dict[str, Any]
 ) -> PolicyParameters:
-    """The online network as plain NumPy weights."""
-    return policy_parameters(state.online, settings.architecture, sides, about)
+    """The online network, the first of two, as plain NumPy weights."""
+    return policy_parameters(members(state.online)[0], settings.architecture, sides, about)
 
 
 @partial(jax.jit, static_argnames=("settings", "task"), donate_argnames="state")
