@@ -67,7 +67,7 @@ def test_importance_weights_are_those_of_the_formula(exponent: float) -> None:
 
 def test_priorities_are_renewed_by_the_errors() -> None:
     """Signs do not matter, a row drawn twice keeps its greatest error, whatever it had before is gone."""
-    rows, errors = jnp.array([[4, 1], [1, 2]]), jnp.array([[-3.0, 0.5], [-2.0, 0.0]])
+    rows, errors = jnp.array([[4, 1], [1, 2]]), jnp.array([[-3.0, -2.0], [0.5, 0.0]])
     found = renew_priorities(jnp.array([7.0, 9.0, 9.0, 7.0, 1.0]), rows, errors, 0.6)
     np.testing.assert_allclose(found, [7.0, 2.0**0.6, 1e-6**0.6, 7.0, 3.0**0.6], rtol=1e-4)
 
