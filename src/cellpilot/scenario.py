@@ -13,6 +13,7 @@ import tyro
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
 
 from cellpilot.errors import InputError
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -151,28 +152,40 @@ class PairLearnerSettings(Settings):
     """The near-exact learner FQI-HER: fitted Q-iteration over pairs of cells (docs/learning.md)."""
 
     algorithm: Literal["fqi-her"] = Field("fqi-her", description="learning algorithm")
-    rounds: Count = Field(300, description="rounds; in each all flights fly some steps, then the network is fitted")
-    flights: Count = Field(64, description="flights in the air at a time")
-    steps_per_round: Count = Field(15, description="steps of each flight in a round")
-    updates_per_round: Count = Field(20, description="optimization steps in a round")
-    batch_size: Count = Field(2048, description="pairs of cell and goal in a mini-batch")
-    goals_per_round: Count = Field(64, description="hindsight goals whose targets are computed in a round")
-    sweeps: Count = Field(8, description="known moves with the learned penalty before the network takes over in a target")
-    penalty_model: bool = Field(True, description="learn the chance of low signal per cell; off = model-free")
-    look_ahead: Count = Field(1, description="moves the policy looks ahead through the penalty model before its network")
-    prioritised: float = Field(0.4, ge=0, le=1, description="share of a mini-batch drawn in proportion to its error")
-    near: float = Field(0.3, ge=0, le=1, description="share of a mini-batch drawn from cells near the goal")
-    near_cells: Count = Field(3, description="how near: at most so many cells away along each axis")
-    cached_goals: Count = Field(2000, description="goals whose targets are kept for fitting, the oldest renewed first")
-    networks: Count = Field(1, le=8, description="networks of which the least value counts (2 = clipped double Q)")
-    hidden_units: Count = Field(64, description="units of the hidden layers")
-    learning_rate: Positive = Field(1e-2, description="learning rate of Adam in the first round")
-    final_learning_rate: Positive = Field(1e-4, description="learning rate of Adam in the last round, by half a cosine")
-    averaging: float = Field(0.02, gt=0, le=1, description="share of the new weights in the averaged network at each update")
-    initial_exploration: NonNegative = Field(1.0, description="initial temperature")
-    final_exploration: NonNegative = Field(0.1, description="final temperature")
-    exploration_fraction: float = Field(0.5, gt=0, le=1, description="share of rounds of the descent")
-    stored_per_cell: Count = Field(32, description="measurements of each cell kept for replay (model-free)")
+    rounds: Count = Field(FQIHER.rounds, description="rounds; in each all flights fly some steps, then the network is fitted")
+    flights: Count = Field(FQIHER.flights, description="flights in the air at a time")
+    steps_per_round: Count = Field(FQIHER.steps_per_round, description="steps of each flight in a round")
+    updates_per_round: Count = Field(FQIHER.updates_per_round, description="optimization steps in a round")
+    batch_size: Count = Field(FQIHER.batch_size, description="pairs of cell and goal in a mini-batch")
+    goals_per_round: Count = Field(FQIHER.goals_per_round, description="hindsight goals whose targets are computed in a round")
+    sweeps: Count = Field(
+        FQIHER.sweeps, description="known moves with the learned penalty before the network takes over in a target"
+    )
+    penalty_model: bool = Field(FQIHER.penalty_model, description="learn the chance of low signal per cell; off = model-free")
+    look_ahead: Count = Field(
+        FQIHER.look_ahead, description="moves the policy looks ahead through the penalty model before its network"
+    )
+    prioritised: float = Field(
+        FQIHER.prioritised, ge=0, le=1, description="share of a mini-batch drawn in proportion to its error"
+    )
+    near: float = Field(FQIHER.near, ge=0, le=1, description="share of a mini-batch drawn from cells near the goal")
+    near_cells: Count = Field(FQIHER.near_cells, description="how near: at most so many cells away along each axis")
+    cached_goals: Count = Field(
+        FQIHER.cached_goals, description="goals whose targets are kept for fitting, the oldest renewed first"
+    )
+    networks: Count = Field(FQIHER.networks, le=8, description="networks of which the least value counts (2 = clipped double Q)")
+    hidden_units: Count = Field(FQIHER.hidden_units, description="units of the hidden layers")
+    learning_rate: Positive = Field(FQIHER.learning_rate, description="learning rate of Adam in the first round")
+    final_learning_rate: Positive = Field(
+        FQIHER.final_learning_rate, description="learning rate of Adam in the last round, by half a cosine"
+    )
+    averaging: float = Field(
+        FQIHER.averaging, gt=0, le=1, description="share of the new weights in the averaged network at each update"
+    )
+    initial_exploration: NonNegative = Field(FQIHER.initial_exploration, description="initial temperature")
+    final_exploration: NonNegative = Field(FQIHER.final_exploration, description="final temperature")
+    exploration_fraction: float = Field(FQIHER.exploration_fraction, gt=0, le=1, description="share of rounds of the descent")
+    stored_per_cell: Count = Field(FQIHER.stored_per_cell, description="measurements of each cell kept for replay (model-free)")
 
     @model_validator(mode="after")
     def _consistent(self) -> "PairLearnerSettings":

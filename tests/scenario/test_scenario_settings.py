@@ -13,14 +13,19 @@ from pydantic import ValidationError
 
 from cellpilot.experiment import fingerprint, make_deployment, make_learner, make_map, make_task
 from cellpilot.grid import Grid
+from cellpilot.learn.algorithms.base import AlgorithmSettings
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.policies import PolicyParameters
 from cellpilot.policies.learned import save_parameters
 from cellpilot.runs import create_run, evaluate_run
 from cellpilot.scenario import (
+    AnyLearnerSettings,
     EvaluationSettings,
     LearnerSettings,
     MapFile,
     MeasuredMap,
+    PairLearnerSettings,
     Scenario,
     Settings,
     SimulatedMap,
@@ -29,7 +34,7 @@ from cellpilot.scenario import (
 from cellpilot.world import World
 
 UNITS = {"_m": "[m]", "_db": "[dB]", "_dbm": "[dBm]", "_hz": "[Hz]", "_deg": "[deg]", "_wavelengths": "[wavelengths]"}
-SECTIONS = (SimulatedMap, MeasuredMap, MapFile, TaskSettings, LearnerSettings, EvaluationSettings)
+SECTIONS = (SimulatedMap, MeasuredMap, MapFile, TaskSettings, LearnerSettings, PairLearnerSettings, EvaluationSettings)
 SMALL = SimulatedMap(bin_m=100.0, points_per_side=2)
 
 CHANGED_MAP = {
@@ -172,6 +177,13 @@ def test_a_changed_setting_changes_the_fingerprint_of_a_training(section: str) -
         settings = getattr(base, section).model_copy(update={name: value})
         marks.add(fingerprint(base.model_copy(update={section: settings}), world))
     assert len(marks) == len(changes) + 1
+
+
+@pytest.mark.parametrize(("written", "compiled"), [(LearnerSettings(), DDQNHER()), (PairLearnerSettings(), FQIHER())])
+def test_what_is_not_written_is_the_same_in_scenarios_and_in_code(
+    written: AnyLearnerSettings, compiled: AlgorithmSettings
+) -> None:
+    assert make_learner(written) == compiled
 
 
 @pytest.fixture

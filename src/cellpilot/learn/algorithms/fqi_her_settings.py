@@ -16,7 +16,7 @@ TABLES = 4
 
 @dataclass(frozen=True)
 class FQIHER:
-    """Settings of the learner as compiled code needs them; `scenario.PairLearnerSettings` documents each."""
+    """Settings as compiled code needs them; `scenario.PairLearnerSettings` documents each and takes its default from here."""
 
     algorithm: ClassVar[str] = "fqi-her"
     counts: ClassVar[str] = "rounds"
