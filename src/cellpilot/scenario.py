@@ -185,6 +185,9 @@ class PairLearnerSettings(Settings):
     initial_exploration: NonNegative = Field(FQIHER.initial_exploration, description="initial temperature")
     final_exploration: NonNegative = Field(FQIHER.final_exploration, description="final temperature")
     exploration_fraction: float = Field(FQIHER.exploration_fraction, gt=0, le=1, description="share of rounds of the descent")
+    count_bonus: NonNegative = Field(
+        FQIHER.count_bonus, description="bonus of entering a cell, over the root of how often it was measured"
+    )
     stored_per_cell: Count = Field(FQIHER.stored_per_cell, description="measurements of each cell kept for replay (model-free)")
 
     @model_validator(mode="after")

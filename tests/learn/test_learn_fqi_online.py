@@ -19,7 +19,14 @@ from cellpilot.world import World
 MakeWorld = Callable[..., World]
 TASK = Task(max_steps=100)
 SMALL = FQIHER(
-    rounds=30, flights=16, steps_per_round=12, updates_per_round=10, batch_size=256, goals_per_round=25, hidden_units=32
+    rounds=30,
+    flights=16,
+    steps_per_round=12,
+    updates_per_round=10,
+    batch_size=256,
+    goals_per_round=25,
+    hidden_units=32,
+    look_ahead=1,
 )
 FEW = OnlineSettings(rounds_per_flight=2)
 

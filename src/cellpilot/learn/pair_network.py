@@ -31,12 +31,38 @@ def corrections(
     network: PairNetwork, sides: Sides, cell: Int[Array, "..."], goal: Int[Array, "..."]
 ) -> Float[Array, "networks ..."]:
     """What each network adds to the bound of each pair; `cell` and `goal` broadcast against each other."""
-    rows = pair_rows(sides, cell, goal)
+    cell, goal = jnp.broadcast_arrays(cell, goal)
+    rows = tuple(pair_rows(sides, cell, goal))
 
     def one(table: Array, weight: Array, bias: Array, output: Array) -> Array:
-        hidden = table[rows[0]]
-        for row in rows[1:]:
-            hidden = hidden + table[row]
-        return jax.nn.relu(jax.nn.relu(hidden) @ weight + bias) @ output
+        return jax.nn.relu(jax.nn.relu(sum_of_rows(table, rows)) @ weight + bias) @ output
 
     return jax.vmap(one)(network.table, network.weight, network.bias, network.output)
+
+
+@jax.custom_vjp
+def sum_of_rows(table: Float[Array, "rows hidden"], rows: tuple[Int[Array, "..."], ...]) -> Float[Array, "... hidden"]:
+    """The sum of some rows of the table for each pair.
+
+    Its gradient adds to one array in turn; derived automatically it would be an array as large as the table for each of
+    `rows`, and their sum.
+    """
+    total = table[rows[0]]
+    for row in rows[1:]:
+        total = total + table[row]
+    return total
+
+
+def _sum_forward(table: Array, rows: tuple[Array, ...]) -> tuple[Array, tuple[Array, tuple[Array, ...]]]:
+    return sum_of_rows(table, rows), (table, rows)
+
+
+def _sum_backward(saved: tuple[Array, tuple[Array, ...]], gradient: Array) -> tuple[Array, None]:
+    table, rows = saved
+    total = jnp.zeros_like(table)
+    for row in rows:
+        total = total.at[row].add(gradient)
+    return total, None
+
+
+sum_of_rows.defvjp(_sum_forward, _sum_backward)

@@ -22,12 +22,13 @@ from cellpilot.envs.arena import Arena, draw_start_and_goal
 from cellpilot.envs.flight import step
 from cellpilot.learn.adam import AdamState, adam_step, init_adam
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
+from cellpilot.learn.algorithms.fqi_her_targets import TargetCache, draw_pairs, empty_cache, importance, pair_values, targets
 from cellpilot.learn.exploration import boltzmann_noise, linear_schedule
 from cellpilot.learn.losses import huber
-from cellpilot.learn.pair_network import PairNetwork, corrections
-from cellpilot.learn.penalty import Measurements, measure, no_measurements, penalty_model, replayed_penalty
+from cellpilot.learn.pair_network import PairNetwork
+from cellpilot.learn.penalty import Measurements, measure, no_measurements, penalty_model
 from cellpilot.policies.learned import PolicyParameters
-from cellpilot.policies.pair_value import ARCHITECTURE, distance, neighbour, upper_bound
+from cellpilot.policies.pair_value import ARCHITECTURE
 from cellpilot.task import Task
 
 
@@ -41,18 +42,6 @@ class Flights:
     n_steps: Int[Array, " flights"]
     return_so_far: Float[Array, " flights"]
     number: UInt32[Array, " flights"]  # random, of this flight: with a cell it draws what the map's uncertainty adds there
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class TargetCache:
-    """Targets of all cells for many goals, a column for each; each round renews the oldest ones."""
-
-    goal: Int[Array, " columns"]
-    target: Float[Array, "columns cells"]
-    error: Float[Array, "columns cells"]  # of the averaged network, when the column was new
-    useful: Bool[Array, "columns cells"]  # false where there is nothing to learn: the goal itself, cells cut off from it
-    renewed: Int[Array, " cells"]  # round after which each goal was renewed last
 
 
 @jax.tree_util.register_dataclass
@@ -101,23 +90,12 @@ def initial_state(settings: FQIHER, arena: Arena, seed: Int[Array, ""] | int) ->
         average=jax.tree.map(jnp.copy, network),
         optimizer=init_adam(network),
         memory=no_measurements(arena.n_cells, settings.stored_per_cell),
-        cache=_empty_cache(min(settings.cached_goals, arena.n_cells), arena.n_cells),
+        cache=empty_cache(min(settings.cached_goals, arena.n_cells), arena.n_cells),
         flights=_new_flights(key_flights, arena, settings.flights),
         blocked=arena.part < 0,
         round=jnp.int32(0),
         env_steps=jnp.int32(0),
     )
-
-
-def pair_values(
-    network: PairNetwork, arena: Arena, task: Task, penalty: Float[Array, " cells"] | None, cell: Array, goal: Array
-) -> tuple[Float[Array, "networks ..."], Float[Array, "..."]]:
-    """Each network's value of the pairs, and their upper bound: of being in the cell, or without a model of entering it."""
-    steps = distance(arena.sides, cell, goal)
-    bound = upper_bound(task, steps, 0.0 if penalty is None else penalty[goal])
-    if penalty is None:
-        bound = task.rho_step + task.rho_goal * (cell == goal) + task.discount * bound
-    return bound + corrections(network, arena.sides, cell, goal), bound
 
 
 def action_values(
@@ -156,7 +134,8 @@ def collect(
         flights, memory, ended = carry
         key_action, key_noise, key_new = jax.random.split(key, 3)
         q = action_values(state.average, arena, task, model, flights.cell, flights.goal)
-        action = (q + boltzmann_noise(key_action, temperature, q.shape)).argmax(-1)
+        rarely = settings.count_bonus / jnp.sqrt(1.0 + memory.count[arena.next_cell[flights.cell]])
+        action = (q + rarely + boltzmann_noise(key_action, temperature, q.shape)).argmax(-1)
         entered = arena.next_cell[flights.cell, action]
         noise_db = arena.noise_std_db * jax.random.normal(key_noise, entered.shape) + _unknown_db(arena, flights.number, entered)
         transition = jax.vmap(step, (None, 0, 0, 0))(arena, flights.cell, action, noise_db)
@@ -176,44 +155,6 @@ def collect(
     return flights, memory, RoundStatistics(total / n, n_steps / n, reached / n)
 
 
-def targets(
-    key: Array,
-    settings: FQIHER,
-    arena: Arena,
-    task: Task,
-    state: FittedState,
-    penalty: Float[Array, " cells"],
-    goals: Int[Array, " goals"],
-) -> tuple[Float[Array, "cells goals"], Float[Array, "cells goals"]]:
-    """Targets of every cell for these goals, and the absolute error of the averaged network.
-
-    With the penalty model: `sweeps` steps of value iteration over the known moves, begun at the network's values (the
-    least of the networks). Without: the penalty of one replayed measurement, and one step.
-    """
-    cell, goal = jnp.arange(arena.n_cells)[:, None], goals[None, :]
-    model = penalty if settings.penalty_model else None
-    values, bound = pair_values(state.average, arena, task, model, cell, goal)
-    least = jnp.minimum(values.min(0), bound)
-    if not settings.penalty_model:
-        value = (least[arena.next_cell] + task.rho_blocked * arena.stopped[..., None]).max(1)
-        entering = jnp.where(cell == goal, 0.0, task.discount * value)
-        low = replayed_penalty(key, state.memory, task.threshold_db)[:, None]
-        target = task.rho_step + task.rho_goal * (cell == goal) + task.rho_sinr * low + entering
-        return jnp.minimum(target, bound), jnp.abs(target - values.mean(0))
-    n_actions = arena.next_cell.shape[1]
-    outcomes = [task.expected_outcome(arena, cell, action, goal, penalty) for action in range(n_actions)]
-
-    def sweep(_: Array, value: Array) -> Array:
-        best = jnp.full_like(value, -jnp.inf)
-        for action, (reward, terminated) in enumerate(outcomes):
-            future = jnp.where(terminated, 0.0, task.discount * value[arena.next_cell[:, action]])
-            best = jnp.maximum(best, reward + future)
-        return best
-
-    target = jnp.minimum(jax.lax.fori_loop(0, settings.sweeps, sweep, least), bound)
-    return target, jnp.abs(target - values.mean(0))
-
-
 def renew_targets(
     key: Array, settings: FQIHER, arena: Arena, task: Task, state: FittedState, penalty: Float[Array, " cells"]
 ) -> TargetCache:
@@ -223,7 +164,7 @@ def renew_targets(
     waited = state.round - cache.renewed  # goals not entered by any flight come last, impossible ones never before them
     urgency = waited + jax.random.uniform(key_goals, waited.shape) + 1e6 * (state.memory.count > 0) + 1e7 * arena.may_be_goal
     goals = jax.lax.top_k(urgency, min(settings.goals_per_round, cache.goal.size))[1]
-    target, error = targets(key_targets, settings, arena, task, state, penalty, goals)
+    target, error = targets(key_targets, settings, arena, task, state.average, state.memory, penalty, goals)
     useful = arena.part[:, None] == arena.part[goals][None, :]
     if settings.penalty_model:  # the value of being in the goal is 0 and needs no learning
         useful = useful & (jnp.arange(arena.n_cells)[:, None] != goals[None, :])
@@ -231,7 +172,7 @@ def renew_targets(
     return TargetCache(
         cache.goal.at[column].set(goals),
         cache.target.at[column].set(target.T),
-        cache.error.at[column].set(jnp.where(useful, error, 0.0).T),
+        cache.error.at[column].set(jnp.where(useful, importance(task, target) * error, 0.0).T),
         cache.useful.at[column].set(useful.T),
         cache.renewed.at[goals].set(state.round + 1),
     )
@@ -254,8 +195,11 @@ def optimize(
         online, average, adam = carry
         cell, goal, wanted, useful = batch
 
+        weight = importance(task, wanted)
+
         def loss(network: PairNetwork) -> Array:
-            return (useful * huber(pair_values(network, arena, task, model, cell, goal)[0] - wanted)).mean(-1).sum()
+            error = pair_values(network, arena, task, model, cell, goal)[0] - wanted
+            return (useful * huber(weight * error)).mean(-1).sum()
 
         online, adam = adam_step(online, jax.grad(loss)(online), adam, rate)
         average = jax.tree.map(lambda a, b: a + settings.averaging * (b - a), average, online)
@@ -264,28 +208,6 @@ def optimize(
     batches = (cells, cache.goal[column], cache.target[column, cells], cache.useful[column, cells])
     (online, average, adam), _ = jax.lax.scan(update, (state.online, state.average, state.optimizer), batches)
     return eqx.tree_at(lambda s: (s.online, s.average, s.optimizer), state, (online, average, adam))
-
-
-def draw_pairs(
-    key: Array, settings: FQIHER, arena: Arena, cache: TargetCache, n_columns: Int[Array, ""]
-) -> tuple[Int[Array, "updates batch"], Int[Array, "updates batch"]]:
-    """Columns and cells of every mini-batch: shares `prioritised` in proportion to the error, `near` the goal, the rest even."""
-    shape = (settings.updates_per_round, settings.batch_size)
-    n_urgent, n_near = int(settings.prioritised * shape[1]), int(settings.near * shape[1])
-    key_column, key_cell, key_near, key_urgent, key_level = jax.random.split(key, 5)
-    column = jax.random.randint(key_column, shape, 0, n_columns)
-    cell = jax.random.randint(key_cell, shape, 0, arena.n_cells)
-    offsets = jax.random.randint(key_near, (3, shape[0], n_near), -settings.near_cells, settings.near_cells + 1)
-    near = neighbour(arena.sides, cache.goal[column[:, n_urgent : n_urgent + n_near]], offsets)
-    edges = jnp.cumsum(cache.error, 1)
-    by_column = jnp.cumsum(edges[:, -1])
-    level = jax.random.uniform(key_urgent, (shape[0] * n_urgent,)) * by_column[-1]
-    urgent = jnp.minimum(jnp.searchsorted(by_column, level), by_column.size - 1)
-    level = jax.random.uniform(key_level, level.shape) * edges[urgent, -1]
-    urgent_cell = jax.vmap(lambda row, level: jnp.searchsorted(edges[row], level))(urgent, level)
-    column = column.at[:, :n_urgent].set(urgent.reshape(-1, n_urgent))
-    cell = cell.at[:, :n_urgent].set(jnp.minimum(urgent_cell, arena.n_cells - 1).reshape(-1, n_urgent))
-    return column, cell.at[:, n_urgent : n_urgent + n_near].set(near)
 
 
 def run_round(key: Array, settings: FQIHER, arena: Arena, task: Task, state: FittedState) -> tuple[FittedState, RoundStatistics]:
@@ -362,8 +284,3 @@ def _unknown_db(arena: Arena, number: UInt32[Array, " flights"], cell: Int[Array
     """What the map's own uncertainty adds: the same in one cell for a whole flight, without a drawn map for each flight."""
     draw = lambda number, cell: jax.random.normal(jax.random.fold_in(jax.random.fold_in(jax.random.key(0), number), cell))
     return arena.sinr_std_db[cell] * jax.vmap(draw)(number, cell)
-
-
-def _empty_cache(columns: int, n_cells: int) -> TargetCache:
-    zero = jnp.zeros((columns, n_cells))
-    return TargetCache(jnp.zeros(columns, jnp.int32), zero, zero, zero > 0, jnp.zeros(n_cells, jnp.int32))

@@ -25,15 +25,15 @@ class FQIHER:
     rounds: int = 300
     flights: int = 64
     steps_per_round: int = 15
-    updates_per_round: int = 20
+    updates_per_round: int = 40
     batch_size: int = 2048
     goals_per_round: int = 64
     sweeps: int = 8
-    look_ahead: int = 1
+    look_ahead: int = 8
     penalty_model: bool = True
     prioritised: float = 0.4
     near: float = 0.3
-    near_cells: int = 3
+    near_cells: int = 6
     cached_goals: int = 2000
     networks: int = 1
     hidden_units: int = 64
@@ -43,6 +43,7 @@ class FQIHER:
     initial_exploration: float = 1.0
     final_exploration: float = 0.1
     exploration_fraction: float = 0.5
+    count_bonus: float = 100.0
     stored_per_cell: int = 32
 
     @property
