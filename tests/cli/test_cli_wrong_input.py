@@ -374,7 +374,7 @@ def test_a_policy_of_another_grid_is_refused(desk: Path, cli: Cli, map_file: str
     assert tree(desk) == before
 
 
-MAY_BE_NOTHING = {"initial_exploration", "final_exploration", "importance_exponent", "prioritised", "near"}
+MAY_BE_NOTHING = {"initial_exploration", "final_exploration", "importance_exponent", "prioritised", "near", "count_bonus"}
 """Numbers of the learners that may be 0; no number may be negative."""
 NUMBERS = [
     (algorithm, name, value)
