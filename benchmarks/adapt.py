@@ -6,7 +6,6 @@ and writes `ADAPT.md` and a picture of each. The folder holds 30m.csv and 50m.cs
 """
 
 import argparse
-import os
 import platform
 import shlex
 import time
@@ -14,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import xarray as xr
-from map_learner import cpu_name
+from machine import cpu_name, usable_cores
 from rich.console import Console
 
 from cellpilot.adapt import in_words, summary, verdict
@@ -81,7 +80,7 @@ def head(seeds: int) -> list[str]:
         "prior*: map-prior minus map-nothing, seed by seed.",
         "",
         f"* command: `python benchmarks/adapt.py --seeds {seeds} --logs LOGS`",
-        f"* machine: {cpu_name()}, {os.cpu_count()} cores, {platform.system()}; one core used",
+        f"* machine: {cpu_name()}, {usable_cores()} cores, {platform.system()}; one core used",
         f"* date: {time.strftime('%Y-%m-%d %H:%M UTC', time.gmtime())}",
         f"* versions: {', '.join(f'{k} {v}' for k, v in versions().items())}",
     ]

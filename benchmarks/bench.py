@@ -17,6 +17,8 @@ from importlib.metadata import version
 from pathlib import Path
 from statistics import mean, median
 
+from machine import cpu_name, usable_cores
+
 EXTRA = {"stable_baselines3": "stable-baselines3", "gymnasium": "gymnasium", "torch": "torch"}
 REPEATS, EPISODES = 5, 30_000
 SLICES = 10
@@ -71,8 +73,8 @@ def main() -> int:
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "minutes": (time.perf_counter() - began) / 60,
         "machine": {
-            "cpu": _cpu(),
-            "cores": _cores(),
+            "cpu": cpu_name(),
+            "cores": usable_cores(),
             "system": platform.system(),
             "load_before": loads[0],
             "load_highest": max(loads),
@@ -134,7 +136,7 @@ def fastest_threads(measurements: dict[str, Measurement]) -> int:
     """The number of torch threads, one or all cores, with the faster gradient step in SB3 (median of five, in turn)."""
     import torch
 
-    seconds: dict[int, list[float]] = {1: [], _cores(): []}
+    seconds: dict[int, list[float]] = {1: [], usable_cores(): []}
     for _ in range(5):
         for threads, taken in seconds.items():
             torch.set_num_threads(threads)
@@ -184,21 +186,6 @@ def _arguments() -> argparse.Namespace:
     if arguments.out is None and arguments.repeats >= REPEATS and arguments.episodes == EPISODES:
         arguments.out = Path(__file__).parent / "RESULTS.json"
     return arguments
-
-
-def _cpu() -> str:
-    """Model name of the processor, as far as the system tells."""
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        for line in info.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
-
-
-def _cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ posteriors there is evaluated on all 3,998,000 start-goal pairs. Seeds that are 
 
 import argparse
 import json
-import os
 import platform
 import time
 from collections.abc import Callable
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from machine import cpu_name, usable_cores
 from rich.console import Console
 
 from cellpilot.evaluate.deterministic import deterministic_figures, score
@@ -69,19 +69,10 @@ def write(file: Path, results: dict[str, Any], seeds: int) -> None:
     results |= {
         "command": f"python benchmarks/map_learner.py --seeds {seeds}",
         "date": time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
-        "machine": {"cpu": cpu_name(), "cores": os.cpu_count(), "system": platform.system()},
+        "machine": {"cpu": cpu_name(), "cores": usable_cores(), "system": platform.system()},
         "versions": versions(),
     }
     write_atomically(file, lambda path: path.write_text(json.dumps(results, separators=(",", ":")) + "\n"))
-
-
-def cpu_name() -> str:
-    """What the system calls its processor."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.machine()
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())
 
 
 _YARDSTICKS: dict[str, tuple[World, Task, Any, Any]] = {}

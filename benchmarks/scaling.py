@@ -21,6 +21,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from machine import cpu_name, usable_cores
 
 SIDES, SEEDS = (20, 40, 80, 160), (1, 5, 20)
 AREA_M = 400.0
@@ -71,7 +72,7 @@ def main() -> int:
     results = {
         "command": "python benchmarks/" + " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "machine": {"cpu": _cpu(), "cores": _cores(), "load": os.getloadavg()[0]},
+        "machine": {"cpu": cpu_name(), "cores": usable_cores(), "load": os.getloadavg()[0]},
         "versions": versions(),
         "points": points,
     }
@@ -89,7 +90,7 @@ def measure(kind: str, learner: str, side: int, n_seeds: int, arguments: argpars
     command = [sys.executable, __file__, "--point", kind, learner, str(side), str(n_seeds), *budgets]
     environment = dict(os.environ)
     if n_seeds > 1:
-        environment.setdefault("XLA_FLAGS", f"--xla_force_host_platform_device_count={min(_cores(), n_seeds)}")
+        environment.setdefault("XLA_FLAGS", f"--xla_force_host_platform_device_count={min(usable_cores(), n_seeds)}")
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     except subprocess.TimeoutExpired:
@@ -275,16 +276,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--out", type=Path, help="JSON to write, with the .md beside it (in full: benchmarks/SCALING.json)")
     parser.add_argument("--point", nargs=4, help=argparse.SUPPRESS)
     return parser.parse_args()
-
-
-def _cpu() -> str:
-    from bench import _cpu as cpu
-
-    return cpu()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 if __name__ == "__main__":

@@ -82,7 +82,7 @@ def test_scaling_keeps_the_map_and_scores_what_was_trained():
 
     import scaling
 
-    learner = scaling.Learner("quick", 2)
+    learner = scaling.Learner("thesis-2d", 2)
     small, large = (scaling.make_case(learner, side) for side in (10, 20))
     assert large.world.grid.sides[:2] == (20, 20)
     coarse = np.asarray(large.world.sinr_db).reshape(10, 2, 10, 2).mean((1, 3)).ravel()

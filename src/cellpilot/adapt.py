@@ -306,7 +306,7 @@ def make_transfer_maps(a: MapSettings, b: MapSettings, calibration: MapSettings 
 
 def _beside(settings: MapSettings, other: "RadioMap") -> "RadioMap":
     """The map of the settings, in the bins of the other one where it can be chosen."""
-    from cellpilot.maps import anchor_of, import_logs
+    from cellpilot.maps import anchor_of
 
     if isinstance(settings, SimulatedMap) and other.attrs["source"] != "simulation":
         x_m, y_m = other["x"].values, other["y"].values
@@ -320,18 +320,7 @@ def _beside(settings: MapSettings, other: "RadioMap") -> "RadioMap":
             "heights_m": tuple(float(z) for z in other["z"].values),
         }
         return make_map(settings.model_copy(update=on_grid))
-    anchor = anchor_of(other)
-    if isinstance(settings, MeasuredMap) and settings.logs and anchor is not None:
-        return import_logs(
-            settings.logs,
-            altitude_m=settings.altitude_m,
-            bin_m=settings.bin_m,
-            fill_radius_m=settings.fill_radius_m,
-            mask=None if settings.mask == "none" else settings.mask,
-            unknown=settings.unknown,
-            anchor=anchor,
-        )
-    return make_map(settings)
+    return make_map(settings, anchor_of(other))
 
 
 def common_grid(map_a: "RadioMap", map_b: "RadioMap") -> tuple["RadioMap", "RadioMap"]:

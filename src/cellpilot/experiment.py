@@ -29,12 +29,12 @@ from cellpilot.task import Task, default_max_steps
 from cellpilot.world import World
 
 if TYPE_CHECKING:
-    from cellpilot.maps import RadioMap
+    from cellpilot.maps import Anchor, RadioMap
     from cellpilot.radio import Deployment
 
 
-def make_map(settings: MapSettings) -> "RadioMap":
-    """The radio map a scenario asks for: simulated, imported or read."""
+def make_map(settings: MapSettings, anchor: "Anchor | None" = None) -> "RadioMap":
+    """The radio map a scenario asks for: simulated, imported or read. `anchor` is where the local metres of a log begin."""
     from cellpilot.maps import import_logs, load_map, simulate_map
 
     if isinstance(settings, MapFile):
@@ -51,6 +51,7 @@ def make_map(settings: MapSettings) -> "RadioMap":
             fill_radius_m=settings.fill_radius_m,
             mask=None if settings.mask == "none" else settings.mask,
             unknown=settings.unknown,
+            anchor=anchor,
         )
     return simulate_map(
         make_deployment(settings),

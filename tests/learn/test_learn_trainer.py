@@ -26,7 +26,7 @@ from cellpilot.learn.algorithms.ddqn_her import (
 from cellpilot.learn.checkpoint import load_state, named_leaves, save_state
 from cellpilot.learn.losses import q_learning_target
 from cellpilot.learn.networks import QNetwork
-from cellpilot.learn.replay import sample
+from cellpilot.learn.replay import draw_rows
 from cellpilot.learn.trainer import TrainingProgress, TrainingResult, train
 from cellpilot.task import Task
 from cellpilot.world import World
@@ -303,7 +303,8 @@ def test_optimisation_is_adam_on_the_squared_error(arena: Arena, filled: Learner
     state = replace(filled, target=initial_state(SMALL, arena, 99).online)
     key = jax.random.key(5)
     found = jax.jit(optimize, static_argnums=(1, 3))(key, settings, arena, TASK, state)
-    batches = sample(key, state.replay, (2, settings.batch_size))
+    row = draw_rows(key, state.replay, (2, settings.batch_size))
+    batches = jax.tree.map(lambda ring: ring[row], state.replay.experiences)
     online, adam = state.online, optax.adam(settings.learning_rate)
     moments = adam.init(online)
     for i in range(2):

@@ -69,9 +69,3 @@ def draw_rows(key: Array, replay: Replay, shape: tuple[int, ...]) -> Int[Array, 
     if replay.priority is None:
         return draw_integers(key, shape, replay.size)
     return draw_in_proportion(key, replay.priority, replay.size, shape)
-
-
-def sample(key: Array, replay: Replay, shape: tuple[int, ...]) -> Experience:
-    """Experiences of `draw_rows`, fields `[*shape]`."""
-    row = draw_rows(key, replay, shape)
-    return jax.tree.map(lambda ring: ring[row], replay.experiences)

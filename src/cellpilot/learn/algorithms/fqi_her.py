@@ -3,8 +3,9 @@
 A round: all flights fly some steps and measure; goals are drawn from all cells flights have entered (hindsight: any of
 them could have been the goal); the averaged network values every cell for these goals, and known moves with the learned
 penalty turn that into targets, which are kept until their goal's turn comes again; the network is fitted to pairs of cell
-and goal drawn from all targets kept, those with large errors more often. With
-`penalty_model` off the penalty of a move is that of one stored measurement, replayed, and the network alone decides:
+and goal drawn from all targets kept, those with large errors more often.
+
+With `penalty_model` off the penalty of a move is that of one stored measurement, replayed, and the network alone decides:
 model-free as far as the radio is concerned. The moves of the grid are known to both.
 """
 
