@@ -198,6 +198,19 @@ def test_action_values_are_those_of_the_network_in_columns(architecture: str) ->
     np.testing.assert_allclose(action_values(fold(network), position, goal, 0), expected, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("columns", [32, 64, 400, 960])
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+def test_compiled_action_values_are_those_of_the_network(architecture: str, columns: int) -> None:
+    """As training compiles them: the thesis's layers, all cells towards one goal, many columns at once."""
+    network = ARCHITECTURES[architecture](2, 4, (50, 50, 50), jax.random.key(0))
+    position = jax.random.uniform(jax.random.key(1), (2, columns))
+    compiled = jax.jit(lambda net, x, goal: action_values(fold(net), x, jnp.broadcast_to(goal[:, None], x.shape), 0).T)
+    goal = jnp.array([0.4, 0.9])
+    expected = jax.vmap(network, (1, None))(position, goal)
+    for _ in range(3):
+        np.testing.assert_allclose(compiled(network, position, goal), expected, atol=1e-5)
+
+
 @pytest.mark.parametrize("n_gradient", [0, 4, 11])
 @pytest.mark.parametrize("architecture", ARCHITECTURES)
 def test_the_backward_pass_written_by_hand_is_the_gradient(architecture: str, n_gradient: int) -> None:

@@ -147,7 +147,8 @@ def action_values(
         return perceptron(n_gradient, (*folded.trunk.layers, _aggregation(folded)), jnp.concatenate([position, goal]))
     phi = perceptron(n_gradient, folded.phi.layers, position)
     psi = perceptron(n_gradient, folded.psi.layers, goal)
-    return (phi.reshape(-1, *psi.shape) * psi).sum(1)
+    # Not `(phi * psi).sum(1)`: jax 0.10.2 compiles that for CPUs to reads of memory never written, from some hundred columns on.
+    return jnp.einsum("akb,kb->ab", phi.reshape(-1, *psi.shape), psi)
 
 
 def _aggregation(folded: DuelingQ) -> Float[Array, "actions inputs"]:
