@@ -195,7 +195,7 @@ class PairLearnerSettings(Settings):
         if self.prioritised + self.near > 1:
             raise ValueError(f"prioritised {self.prioritised:g} and near {self.near:g} add up to more than 1; lower one")
         if not self.penalty_model and self.look_ahead > 1:
-            raise ValueError(f"look_ahead {self.look_ahead} needs the penalty_model to look through moves; set it to 1 without")
+            raise ValueError(f"without penalty_model no move can be looked through; set look_ahead, now {self.look_ahead}, to 1")
         return self
 
 
