@@ -239,7 +239,8 @@ def summary(data: "xr.Dataset") -> list[list[str]]:
 def _with_interval(values: "xr.DataArray", form: str = ".3f") -> list[str]:
     """Mean over seeds and half of its 95 % interval, for each number of flights."""
     ends = [mean_interval(column) for column in values.transpose("flights", "seed").values]
-    return [f"{(low + high) / 2:{form}} ± {(high - low) / 2:.3f}" for low, high in ends]
+    spread = [f" ± {(high - low) / 2:.3f}" if values.sizes["seed"] > 1 else "" for low, high in ends]
+    return [f"{(low + high) / 2:{form}}{plus_minus}" for (low, high), plus_minus in zip(ends, spread, strict=True)]
 
 
 def in_words(data: "xr.Dataset") -> str:
@@ -258,6 +259,8 @@ def verdict(data: "xr.Dataset", good: float = 0.9) -> list[str]:
         return []
     flights = data["flights"].values
     prior, nothing = (data["score"].sel(arm=name).values for name in (PRIOR, NOTHING))
+    if len(prior) == 1:
+        return ["one seed tells no interval: give --seeds 2 or more to compare the prior with none"]
     intervals = [mean_interval(difference) for difference in (prior - nothing).T]
     lines = []
     for ahead, what in ((lambda low, high: low > 0, "helps"), (lambda low, high: high < 0, "harms")):
@@ -269,7 +272,7 @@ def verdict(data: "xr.Dataset", good: float = 0.9) -> list[str]:
     needed = [
         next((int(n) for n, s in zip(flights, curve.mean(0), strict=True) if s >= good), None) for curve in (prior, nothing)
     ]
-    told = ["never" if n is None else f"after {n}" for n in needed]
+    told = [f"not within {flights[-1]} flights" if n is None else f"after {n}" for n in needed]
     lines.append(f"mean score {good:g}: {told[0]} with the prior, {told[1]} without")
     return lines
 

@@ -105,10 +105,13 @@ def is_occupied(folder: Path, force: bool) -> bool:
     return occupied
 
 
-def open_or_create_run(folder: Path, scenario: Scenario, command: str, seed: int = 0) -> Run:
-    """A new run, or the one in the folder if it is of the same scenario and seed; else `InputError`."""
+def open_or_create_run(folder: Path, scenario: Scenario, command: str, seed: int = 0, n_seeds: int = 1) -> Run:
+    """A new run, or the one in the folder if it is of the same scenario and seed; else `InputError`.
+
+    `n_seeds` trainings will be held in memory at once.
+    """
     if not _holds_run(folder):
-        return create_run(folder, scenario, seed, command)
+        return create_run(folder, scenario, seed, command, n_seeds=n_seeds)
     run = open_run(folder)
     if (run.scenario, run.seed) != (scenario, seed):
         raise InputError(f"{folder} holds a run of other settings or another seed; choose another --out")

@@ -104,10 +104,13 @@ class TaskSettings(RewardSettings):
     goal: Cell | None = Field(None, description="fixed goal IX IY IZ; None = drawn uniformly")
 
 
+ALGORITHM_HELP = "ddqn-her (as published) or fqi-her (near-exact); given with --help, the settings shown are its own"
+
+
 class LearnerSettings(Settings):
     """The published learner DDQN-HER (section 4.3)."""
 
-    algorithm: Literal["ddqn-her"] = Field("ddqn-her", description="learning algorithm")
+    algorithm: Literal["ddqn-her"] = Field("ddqn-her", description=ALGORITHM_HELP)
     episodes: Count = Field(30_000, description="number of episodes N (Table 4.3: 30,000 in 2D, 50,000 in 3D)")
     batch_size: Count = Field(32, description="mini-batch size (Table 4.3)")
     replay_capacity: int = Field(
@@ -151,7 +154,7 @@ class LearnerSettings(Settings):
 class PairLearnerSettings(Settings):
     """The near-exact learner FQI-HER: fitted Q-iteration over pairs of cells (docs/learning.md)."""
 
-    algorithm: Literal["fqi-her"] = Field("fqi-her", description="learning algorithm")
+    algorithm: Literal["fqi-her"] = Field("fqi-her", description=ALGORITHM_HELP)
     rounds: Count = Field(FQIHER.rounds, description="rounds; in each all flights fly some steps, then the network is fitted")
     flights: Count = Field(FQIHER.flights, description="flights in the air at a time")
     steps_per_round: Count = Field(FQIHER.steps_per_round, description="steps of each flight in a round")

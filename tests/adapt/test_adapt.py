@@ -219,6 +219,14 @@ def test_words_about_a_prior_that_helps_first_and_harms_later() -> None:
     assert verdict(data.sel(arm=[PRIOR])) == []
 
 
+def test_one_seed_claims_no_difference() -> None:
+    scores = np.array([[[0.7, 0.8]], [[0.0, 0.5]]])
+    data = xr.Dataset({"score": (("arm", "seed", "flights"), scores)}, {"arm": [PRIOR, NOTHING], "flights": [0, 1]})
+    (line,) = verdict(data)
+    assert "one seed" in line
+    assert "--seeds 2" in line
+
+
 @pytest.mark.slow
 def test_the_deep_arms_know_a_and_only_one_of_them_learns() -> None:
     settings = FQIHER(rounds=40, flights=16, batch_size=256, hidden_units=32)

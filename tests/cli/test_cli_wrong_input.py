@@ -439,6 +439,14 @@ def test_targets_larger_than_memory_are_refused_with_the_figure(
     assert tree(desk) == before
 
 
+def test_the_ablation_counts_the_memories_of_all_its_seeds(desk: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "available_bytes", lambda: 3 * EXPERIENCE_BYTES * 500_000)
+    before = tree(desk)
+    call = ("ablation", "tiny.toml", "--learner.replay-capacity", "500000", "--out", "new")
+    assert_refused(cli(*call, "--seeds", "4"), "500,000", "4 seeds", "GB")
+    assert tree(desk) == before
+
+
 @pytest.mark.parametrize("cached_goals", [7, 2000])
 def test_the_figure_is_that_of_targets_and_tables(desk: Path, cached_goals: int) -> None:
     world = World.from_map(load_map(desk / "layers.nc"))

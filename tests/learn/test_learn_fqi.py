@@ -93,6 +93,13 @@ def test_without_noise_the_penalty_is_certain_at_the_threshold_itself() -> None:
     assert np.asarray(memory.count).tolist() == [50, 100]
 
 
+def test_flights_that_enter_a_cell_together_leave_no_measurement_that_was_never_made() -> None:
+    memory = measure(no_measurements(2, 8), jnp.array([0, 0, 0]), jnp.array([20.0, 21.0, 22.0]))
+    memory = measure(memory, jnp.array([0, 0, 1]), jnp.array([23.0, 24.0, -5.0]))
+    low = np.array([np.asarray(replayed_penalty(jax.random.key(i), memory, 3.0)) for i in range(200)])
+    assert low.mean(0).tolist() == [0.0, 1.0]
+
+
 def test_huber_by_hand() -> None:
     assert np.asarray(huber(jnp.array([0.2, -0.5, 2.0]))).tolist() == pytest.approx([0.02, 0.125, 0.875])
 

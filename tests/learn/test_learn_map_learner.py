@@ -162,7 +162,7 @@ def test_a_prior_map_helps_from_the_first_flight_on_and_may_have_holes(make_worl
 
 def test_a_truth_that_is_none_is_refused(make_world: MakeWorld) -> None:
     for world in (make_world((3, 3, 1), sinr_std_db=1.0), make_world((3, 3, 1), [-np.inf] + [3.0] * 8)):
-        with pytest.raises(InputError, match="certain"):
+        with pytest.raises(InputError, match="sinr_std_db 0"):
             last(world, 1, 0)
 
 

@@ -79,6 +79,7 @@ POLICIES = {
     "pair-value of two networks": pair((3, 4, 2), networks=2),
     "pair-value looking ahead": pair((4, 3, 1), HARD, look_ahead=2),
     "pair-value looking far": pair((3, 4, 2), look_ahead=4, networks=2),
+    "pair-value looking as far as the shipped scenarios": pair((3, 4, 2), HARD, look_ahead=16),
     "shipped 2D": load_parameters(SHIPPED / "thesis-2d.safetensors"),
     "shipped 3D": load_parameters(SHIPPED / "thesis-3d.safetensors"),
 }

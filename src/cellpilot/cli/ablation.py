@@ -25,7 +25,8 @@ def main(arguments: Sequence[str]) -> int:
     options, scenario = parse_scenario(AblationOptions, arguments, "ablation", "Four variants of the learner over seeds.")
     check_ablation(scenario)
     use_all_cores(options.seeds)
-    run = open_or_create_run(options.out or Path("runs") / f"{scenario.name}-ablation", scenario, command_line())
+    folder = options.out or Path("runs") / f"{scenario.name}-ablation"
+    run = open_or_create_run(folder, scenario, command_line(), n_seeds=options.seeds)
     with share_bar("ablation") as progress:
         dataset = ablation(run, options.seeds, progress)
     if dataset is None:

@@ -38,12 +38,14 @@ def measure(memory: Measurements, cell: Int[Array, " flights"], sinr_db: Float[A
     first_db = memory.first_db.at[cell].set(jnp.where(seen, memory.first_db[cell], sinr_db))
     relative_db = sinr_db - first_db[cell]
     place = memory.count[cell] % memory.last_db.shape[1]
+    # Flights that enter one cell together share a place; what they skip holds the first measurement, never nothing.
+    last_db = memory.last_db.at[cell].set(jnp.where(seen[:, None], memory.last_db[cell], sinr_db[:, None]))
     return Measurements(
         memory.count.at[cell].add(1),
         first_db,
         memory.sum_db.at[cell].add(relative_db),
         memory.sum_squared_db.at[cell].add(relative_db**2),
-        memory.last_db.at[cell, place].set(sinr_db),
+        last_db.at[cell, place].set(sinr_db),
     )
 
 

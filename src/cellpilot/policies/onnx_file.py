@@ -186,36 +186,43 @@ def _layers(parameters: PolicyParameters, name: str) -> list[tuple[Any, Any]]:
 
 
 def _pair_value(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
-    """`pair_value.pair_action_values` for the pairs asked for; each step of look-ahead is one more axis, over its actions."""
+    """`pair_value.pair_action_values` for the pairs asked for: of the cells entered, or with look-ahead of all cells."""
     task, sides, tensors = Task(**parameters.about["task"]), parameters.sides, parameters.tensors
     strides = np.array([1, sides[0], sides[0] * sides[1]])
     cell, goal = (graph.op("ReduceSum", place * strides, [-1], keepdims=0) for place in (position, goal))
+    goal = graph.op("Unsqueeze", goal, [-1])
     # Only the sides of the grid matter for where moves lead.
     next_cell, stopped = Grid(*(tuple(map(float, range(n))) for n in sides)).next_cells(tensors["blocked"].astype(bool))
     next_table = graph.constant(next_cell)
     stopped_table = graph.constant((task.rho_blocked * stopped).astype(np.float32))
 
-    def of_actions(cell: _Value, goal: _Value, moves_left: int) -> _Value:
-        """What each action leads to, its cost of being stopped included, `[..., actions]`."""
-        following = graph.op("Gather", next_table, cell)
-        return entering(following, graph.op("Unsqueeze", goal, [-1]), moves_left) + graph.op("Gather", stopped_table, cell)
-
-    def entering(cell: _Value, goal: _Value, moves_left: int) -> _Value:
+    def reward_and_future(cell: _Value) -> tuple[_Value, _Value]:
+        """Reward of entering the cells, and what counts of their value: the discount, or nothing in the goal."""
         at_goal = graph.as_float(graph.op("Equal", cell, goal))
-        on_way = graph.op("Sub", np.float32(1), at_goal)
         reward = at_goal * np.float32(task.rho_goal) + np.float32(task.rho_step)
         if "penalty" in tensors:
             reward = reward + graph.op("Gather", np.float32(task.rho_sinr) * tensors["penalty"], cell)
-        if moves_left:
-            best = graph.op("ReduceMax", of_actions(cell, goal, moves_left - 1), axes=[-1], keepdims=0)
-            return reward + best * on_way * np.float32(task.discount)
+        return reward, graph.op("Sub", np.float32(1), at_goal) * np.float32(task.discount)
+
+    def entering(cell: _Value) -> _Value:
+        """What the network says entering the cells is worth."""
+        reward, future = reward_and_future(cell)
         correction, bound = _correction(graph, parameters, cell, goal), _bound(graph, parameters, task, cell, goal)
         if "penalty" not in tensors:
             most = reward + bound * np.float32(task.discount)
             return graph.op("Min", most + correction, most)
-        return reward + graph.op("Min", bound + correction, bound) * on_way * np.float32(task.discount)
+        return reward + graph.op("Min", bound + correction, bound) * future
 
-    return of_actions(cell, goal, int(parameters.about["look_ahead"]) - 1)
+    entered = graph.op("Gather", next_table, cell)
+    further_moves = int(parameters.about["look_ahead"]) - 1
+    if not further_moves:
+        return entering(entered) + graph.op("Gather", stopped_table, cell)
+    everywhere = graph.constant(np.arange(len(next_cell))[None, :])
+    values, (reward, future) = entering(everywhere), reward_and_future(everywhere)
+    for _ in range(further_moves):
+        of_moves = graph.op("Gather", values, next_table, axis=1) + stopped_table
+        values = reward + graph.op("ReduceMax", of_moves, axes=[-1], keepdims=0) * future
+    return graph.op("GatherElements", values, entered, axis=1) + graph.op("Gather", stopped_table, cell)
 
 
 def _correction(graph: _Graph, parameters: PolicyParameters, cell: _Value, goal: _Value) -> _Value:

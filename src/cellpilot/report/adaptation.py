@@ -42,16 +42,19 @@ def draw_adapt(data: xr.Dataset) -> Figure:
         axes.axhline(level, color=GREY, linestyle=":", linewidth=1.0)
         axes.text(1.01, level, name, transform=axes.get_yaxis_transform(), va="center", fontsize=8, color=GREY)
     axes.set_xscale("symlog", linthresh=1, linscale=0.5)
-    axes.set_xticks([n for n in FLIGHT_TICKS if n <= flights[-1]])
+    axes.set_xticks([*(n for n in FLIGHT_TICKS if n < flights[-1]), flights[-1]])
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set_yscale("function", functions=(_squeezed, _stretched))
-    axes.set_yticks([tick for tick in TICKS if tick >= lowest])
+    first = max((i for i, tick in enumerate(TICKS) if tick <= lowest), default=0)
+    axes.set_yticks(TICKS[first:])
     axes.yaxis.set_major_formatter("{x:g}")
     axes.set(xlabel="flights on the unknown network [1]", ylabel="score [1]", xlim=(-0.04, 1.06 * flights[-1]))
-    axes.set_ylim(1.3 * lowest - 0.05, 1.1)
+    axes.set_ylim(min(1.3 * lowest - 0.05, TICKS[first]), 1.1)
     if lowest < 0:
         axes.set_ylabel("score [1], logarithmic below 0")
-    axes.set_title(f"{data.attrs.get('title', '')} · mean and 95 % interval over {data.sizes['seed']} seeds".removeprefix(" · "))
+    n_seeds = data.sizes["seed"]
+    what = "one seed" if n_seeds == 1 else f"mean and 95 % interval over {n_seeds} seeds"
+    axes.set_title(f"{data.attrs.get('title', '')} · {what}".removeprefix(" · "))
     legend_below(figure, axes.get_legend_handles_labels()[0])
     return figure
 

@@ -1,4 +1,4 @@
-"""FQI-HER: fitted Q-iteration over pairs of cells with hindsight goals; near-exact arg max policies in a minute.
+"""FQI-HER: fitted Q-iteration over pairs of cells with hindsight goals; near-exact arg max policies.
 
 A round: all flights fly some steps and measure; goals are drawn from all cells flights have entered (hindsight: any of
 them could have been the goal); the averaged network values every cell for these goals, and known moves with the learned

@@ -168,7 +168,10 @@ def learn_map(
     unknown in free cells: there is no truth to measure.
     """
     if world.sinr_std_db.any() or not np.isfinite(world.sinr_db[world.free_cells]).all():
-        raise InputError("the true map must be certain: SINR in every free cell, and sinr_std_db 0")
+        raise InputError(
+            "the true map needs SINR in every free cell, and sinr_std_db 0:"
+            " fill its unknown cells (--fill-radius-m) or block them"
+        )
     learner = MapLearner(world.grid, world.blocked, task, settings, seed, prior_mean_db)
     for checkpoint in checkpoints:
         while learner.n_flights < checkpoint:
