@@ -5,7 +5,6 @@ A process of its own, because a device per core has to be asked for before JAX i
 
 import argparse
 import json
-import os
 import sys
 import time
 
@@ -23,6 +22,7 @@ def main() -> None:
 
     use_all_cores(N_SEEDS)
     import jax
+    from machine import usable_cores
     from ours import thesis_case
 
     from cellpilot.learn.trainer import train_many
@@ -37,7 +37,7 @@ def main() -> None:
         began = time.perf_counter()
         train_many(case.settings, case.task, case.arena, seeds, interrupted=lambda chunks=chunks: next(chunks, None) is None)
         seconds[name] = time.perf_counter() - began
-    sys.stdout.write(json.dumps(seconds | {"devices": jax.local_device_count(), "cores": os.cpu_count()}) + "\n")
+    sys.stdout.write(json.dumps(seconds | {"devices": jax.local_device_count(), "cores": usable_cores()}) + "\n")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, is_dataclass
+from pathlib import Path
 
 import equinox as eqx
 import jaxtyping
@@ -29,6 +30,10 @@ settings.register_profile("cellpilot", deadline=None, max_examples=40)
 settings.load_profile("cellpilot")
 
 
+UKM = Path(__file__).parents[2] / "shared" / "data" / "ukm"
+"""The measured logs that lie beside the checkout; tests marked `shared` need them."""
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--slow` also runs what takes more than twenty seconds."""
     parser.addoption("--slow", action="store_true", help="also run tests marked slow")
@@ -40,11 +45,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the slow ones out unless they are asked for."""
-    if not config.getoption("--slow"):
-        for item in items:
-            if item.get_closest_marker("slow"):
-                item.add_marker(pytest.mark.skip(reason="slow: run with --slow"))
+    """Leave the slow ones out unless they are asked for, and those on measured logs where there are none."""
+    left_out = {} if config.getoption("--slow") else {"slow": "slow: run with --slow"}
+    if not UKM.is_dir():
+        left_out["shared"] = "the measured logs (../shared/data/ukm) are not beside the checkout"
+    for item in items:
+        for name, reason in left_out.items():
+            if item.get_closest_marker(name):
+                item.add_marker(pytest.mark.skip(reason=reason))
 
 
 Triple = tuple[int, int, int]

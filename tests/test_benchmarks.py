@@ -98,3 +98,18 @@ def test_scaling_keeps_the_map_and_scores_what_was_trained():
     name = {"kind": "time", "learner": "ddqn-her", "side": 10, "seeds": 2}
     assert "| ddqn-her | 10 | 100 | 2 |" in scaling.time_row(name | point)
     assert "too long" in scaling.time_row(name | {"failed": "too long"})
+
+
+@pytest.mark.slow
+def test_finer_grids_shows_both_learners(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    import finer_grids
+
+    few = ["--side", "10", "--rounds", "2", "--look-ahead", "1", "3", "--flights", "2", "4"]
+    monkeypatch.setattr("sys.argv", ["finer_grids.py", *few])
+    monkeypatch.setattr(finer_grids, "console", finer_grids.Console(soft_wrap=True, highlight=False))
+    finer_grids.main()
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(", ")[0] for line in lines] == ["seed 0: FQI-HER"] * 2 + ["seed 0: map learner"] * 2
+    assert "looks 3 ahead" in lines[1]
+    assert lines[1].split("score")[1] != lines[0].split("score")[1]  # looking ahead changes the policy of two rounds
+    assert all("reached 100.00%" in line for line in lines[2:])

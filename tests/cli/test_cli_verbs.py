@@ -244,8 +244,6 @@ def test_the_order_of_the_rows_changes_nothing(log: Path, place: Path, cli: Cli)
 @pytest.mark.shared
 def test_the_real_log_imports_and_plans(place: Path, cli: Cli) -> None:
     log = Path(__file__).parents[3] / "shared" / "data" / "ukm" / "30m.csv"
-    if not log.is_file():
-        pytest.skip("the measured logs (../shared/data/ukm) are not beside the checkout")
     assert cli("map", "import", log, "--out", "real.nc", "--unknown", "bad").code == 0
     result = cli("plan", "real.nc", "--start", "0,0,0", "--goal", "3,3,0", "--task.threshold-db", "-3", "--json")
     assert result.code == 0, result.err

@@ -15,7 +15,6 @@ from cellpilot.maps.hover import densest_disc
 
 SYNTHETIC = [Path(str(files("cellpilot").joinpath("data", f"synthetic_{height_m}m.csv"))) for height_m in (30, 50)]
 UKM = Path(__file__).parents[2].parent / "shared" / "data" / "ukm"
-needs_ukm = [pytest.mark.shared, pytest.mark.skipif(not UKM.is_dir(), reason="the measured logs are not beside the checkout")]
 
 
 def shuffled(path: Path, folder: Path, seed: int) -> Path:
@@ -223,7 +222,7 @@ def test_a_stray_position_is_refused_not_gridded(write_log: WriteLog) -> None:
 class TestMeasured:
     """The numbers that the collection of the logs states, at 40 m bins with the hover masked."""
 
-    pytestmark = needs_ukm
+    pytestmark = pytest.mark.shared
 
     @pytest.mark.parametrize(("height_m", "below_3", "below_minus_3"), [(20, 0.79, 0.32), (30, 0.82, 0.44), (50, 0.955, 0.57)])
     def test_share_of_bins_below_the_threshold(self, height_m: int, below_3: float, below_minus_3: float) -> None:

@@ -204,9 +204,8 @@ def _pair_value(graph: _Graph, parameters: PolicyParameters, position: _Value, g
             reward = reward + graph.op("Gather", np.float32(task.rho_sinr) * tensors["penalty"], cell)
         return reward, graph.op("Sub", np.float32(1), at_goal) * np.float32(task.discount)
 
-    def entering(cell: _Value) -> _Value:
+    def entering(cell: _Value, reward: _Value, future: _Value) -> _Value:
         """What the network says entering the cells is worth."""
-        reward, future = reward_and_future(cell)
         correction, bound = _correction(graph, parameters, cell, goal), _bound(graph, parameters, task, cell, goal)
         if "penalty" not in tensors:
             most = reward + bound * np.float32(task.discount)
@@ -216,9 +215,10 @@ def _pair_value(graph: _Graph, parameters: PolicyParameters, position: _Value, g
     entered = graph.op("Gather", next_table, cell)
     further_moves = int(parameters.about["look_ahead"]) - 1
     if not further_moves:
-        return entering(entered) + graph.op("Gather", stopped_table, cell)
+        return entering(entered, *reward_and_future(entered)) + graph.op("Gather", stopped_table, cell)
     everywhere = graph.constant(np.arange(len(next_cell))[None, :])
-    values, (reward, future) = entering(everywhere), reward_and_future(everywhere)
+    reward, future = reward_and_future(everywhere)
+    values = entering(everywhere, reward, future)
     for _ in range(further_moves):
         of_moves = graph.op("Gather", values, next_table, axis=1) + stopped_table
         values = reward + graph.op("ReduceMax", of_moves, axes=[-1], keepdims=0) * future

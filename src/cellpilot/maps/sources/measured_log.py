@@ -27,7 +27,7 @@ from cellpilot.maps.schema import RadioMap, make_map
 LATITUDE, LONGITUDE, SINR, RSRP = "Latitude", "Longitude", "RS SNR", "RSRP (LTE pcell)"
 MISSING = {"", "n/a", "na", "nan", "null", "-"}
 RANGES = {LATITUDE: (-90.0, 90.0), LONGITUDE: (-180.0, 180.0), SINR: (-100.0, 100.0), RSRP: (-200.0, 0.0)}
-"""Beyond these a value is a wrong column or a placeholder, not a measurement [deg, deg, dB, dBm]."""
+"""Beyond these a number is of a wrong column or stands for a missing value [deg, deg, dB, dBm]."""
 
 UNITS = {LATITUDE: "deg", LONGITUDE: "deg", SINR: "dB", RSRP: "dBm"}
 FOOTER_MARKER = "exported measurements"

@@ -1,0 +1,62 @@
+"""What a finer grid needs: FQI-HER with more rounds and longer looks ahead, and the map learner after some flights.
+
+Usage: python benchmarks/finer_grids.py [--side 40] [--rounds 200 1000] [--look-ahead 8 16 32] [--flights 30 60 100] [--seeds 1]
+
+The map and task of `scaling.py`, exact over every start and the goals drawn there. `--rounds 0` or `--flights 0` leaves one
+of the two out.
+"""
+
+import argparse
+import time
+from dataclasses import replace
+
+import numpy as np
+from rich.console import Console
+from scaling import GOALS, LEARNERS, Case, make_case
+
+from cellpilot.evaluate.deterministic import deterministic_figures, score
+from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map
+from cellpilot.learn.trainer import train
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
+
+console = Console(soft_wrap=True, highlight=False)
+
+
+def main() -> None:
+    """Train, fly, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--side", type=int, default=40, help="cells along each side of 400 m")
+    parser.add_argument("--rounds", type=int, nargs="+", default=[200, 1000], help="rounds of FQI-HER")
+    parser.add_argument("--look-ahead", type=int, nargs="+", default=[8, 16, 32], help="moves its policy looks ahead")
+    parser.add_argument("--flights", type=int, nargs="+", default=[30, 60, 100], help="flights of the map learner, increasing")
+    parser.add_argument("--seeds", type=int, default=1, help="seeds 0..N-1")
+    options = parser.parse_args()
+    case = make_case(LEARNERS["fqi-her"], options.side)
+    goals = np.sort(np.random.default_rng(0).choice(case.world.free_cells, GOALS, replace=False))
+    for seed in range(options.seeds):
+        for rounds in filter(None, options.rounds):
+            began = time.perf_counter()
+            trained = train(replace(case.settings, rounds=rounds), case.task, case.arena, seed)
+            seconds = time.perf_counter() - began
+            parameters = trained.policy_parameters(case.world.grid.sides, {"task": vars(case.task)})
+            for moves in options.look_ahead:
+                parameters.about["look_ahead"] = moves
+                what = f"FQI-HER, {rounds} rounds, looks {moves} ahead, {trained.env_steps:,} steps"
+                show(case, goals, LearnedPolicy(parameters, case.world.grid), f"seed {seed}: {what}, {seconds:.0f} s")
+        began = time.perf_counter()
+        if any(options.flights):
+            for learner in learn_map(case.world, case.task, MapLearnerSettings(), seed, options.flights):
+                what = f"map learner, {learner.n_flights} flights, {time.perf_counter() - began:.0f} s"
+                show(case, goals, learner.policy(), f"seed {seed}: {what}")
+
+
+def show(case: Case, goals: np.ndarray, policy: Policy, what: str) -> None:
+    """One line of figures."""
+    others = (GreedyPolicy(case.world), OptimalPolicy(case.world, case.task))
+    greedy, optimal, found = (deterministic_figures(case.world, case.task, p, goals) for p in (*others, policy))
+    detours = f"p90 {found.path_ratio_p90:.3f} ({optimal.path_ratio_p90:.3f})"
+    console.print(f"{what}: score {score(found, greedy, optimal):.3f}, reached {found.reached_share:.2%}, {detours}")
+
+
+if __name__ == "__main__":
+    main()
