@@ -2,13 +2,16 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test check bench clean
+.PHONY: demo test test-raytrace check bench clean
 
 demo: .venv/installed  ## map, 30,000 training flights, evaluation and report of the thesis's first scenario
 	$(BIN)/cellpilot run thesis-2d --out runs/demo --force
 
 test: .venv/installed-dev  ## every test
 	$(BIN)/python -m pytest -n auto --slow
+
+test-raytrace: .venv/installed-raytrace  ## the tests that trace rays; needs LLVM, see `cellpilot doctor`
+	$(BIN)/python -m pytest --raytrace tests/maps/test_maps_raytraced.py
 
 check: .venv/installed-dev  ## style, types, architecture
 	$(BIN)/ruff check .
@@ -29,6 +32,10 @@ bench: .venv/installed-bench  ## speed beside Stable-Baselines3 and eager PyTorc
 .venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/python
 	$(INSTALL) --editable '.[dev]'
 	@touch $@ .venv/installed
+
+.venv/installed-raytrace: pyproject.toml constraints.txt | .venv/bin/python
+	$(INSTALL) --editable '.[dev,raytrace]'
+	@touch $@ .venv/installed .venv/installed-dev
 
 .venv/installed-bench: pyproject.toml constraints.txt | .venv/bin/python
 	$(INSTALL) --editable '.[bench]'

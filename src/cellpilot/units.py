@@ -15,4 +15,5 @@ def to_db(ratio: ArrayLike) -> NDArray[np.float64]:
 
 def from_db(level_db: ArrayLike) -> NDArray[np.float64]:
     """Power ratio of a level in dB (or milliwatt of a level in dBm)."""
-    return np.asarray(10.0 ** (np.asarray(level_db, dtype=np.float64) / 10.0))
+    # exp2 is some twenty times as fast as a power of 10 (see radio/fast.py).
+    return np.asarray(np.exp2(np.asarray(level_db, dtype=np.float64) * (np.log2(10.0) / 10.0)))

@@ -115,7 +115,7 @@ def test_a_mask_can_be_given() -> None:
     dataset = import_logs(SYNTHETIC, mask=(0.012, 0.010, 60.0))
     account = account_of(dataset)
     assert not account.mask_found
-    samples = [read_log(path) for path in SYNTHETIC]
+    samples = [table[np.isfinite(table.sinr_db)] for table, _ in map(read_log, SYNTHETIC)]
     north_m = np.concatenate([(s.latitude_deg - 0.012) * 110574.3 for s in samples])
     east_m = np.concatenate([(s.longitude_deg - 0.010) * 111319.5 for s in samples])
     assert account.masked == (np.hypot(north_m, east_m) <= 60).sum() > 0
@@ -172,7 +172,7 @@ def test_account_survives_the_file_and_reads_well(synthetic: RadioMap, tmp_path:
     account = account_of(loaded)
     assert account == ImportAccount.from_json(account.to_json()) == account_of(synthetic)
     text = account.lines()
-    assert text[0].startswith("synthetic_30m.csv at 30 m: 1091 lines, 519 SINR samples kept, 389 with RSRP only, 2 export notes")
+    assert text[0].startswith("synthetic_30m.csv (drive-test export) at 30 m: 1091 lines, 519 SINR samples kept, 389 with RSRP only, 2 notes")
     assert "hover found" in text[2]
     level = account.levels[0]
     assert level.measured + level.filled + level.blocked + level.bad == synthetic["blocked"].values[0].size
@@ -214,9 +214,12 @@ def test_no_log_and_the_same_log_twice() -> None:
 
 
 def test_a_stray_position_is_refused_not_gridded(write_log: WriteLog) -> None:
-    path = write_log(["t,0.01,0.01,,1", "t,0.011,0.01,,2", "t,60.0,120.0,,3"], header=HEADER)
+    far = write_log(["t,0.01,0.01,,1", "t,0.011,0.01,,2", "t,60.0,120.0,,3"], header=HEADER)
+    with pytest.raises(InputError, match=r"line 4: latitude 60, longitude 120 lies 11,\d* km from the middle of the log.*exchanged"):
+        import_logs([far])
+    near = write_log(["t,0.01,0.01,,1", "t,0.011,0.01,,2", "t,1.5,0.9,,3"], header=HEADER)
     with pytest.raises(InputError, match="stray positions"):
-        import_logs([path])
+        import_logs([near], bin_m=1.0)
 
 
 class TestMeasured:

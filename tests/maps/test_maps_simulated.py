@@ -57,7 +57,7 @@ def test_one_point_for_each_bin_has_no_spread() -> None:
 
 
 def test_ties_go_to_the_lowest_sector() -> None:
-    assert _most_frequent(np.array([[2, 1, 2, 1], [0, 3, 3, 0], [3, 3, 3, 0]]), 4).tolist() == [1, 0, 3]
+    assert _most_frequent(np.array([[2, 1, 2, 1], [0, 3, 3, 0], [3, 3, 3, 0]])).tolist() == [1, 0, 3]
 
 
 @pytest.mark.parametrize(

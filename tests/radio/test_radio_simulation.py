@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellpilot.errors import InputError, RangeError
-from cellpilot.radio import hexagonal_deployment, received_power_dbm, simulate
+from cellpilot.radio import ColumnAntenna, hexagonal_deployment, received_power_dbm, simulate
 from cellpilot.radio import simulation as simulation_module
 
 
@@ -91,7 +91,7 @@ def test_sinr_from_the_powers_by_hand() -> None:
     serving = int(got.serving_sector)
     assert serving == power_mw.argmax()
     interference = sum(loads[i] * power_mw[i] for i in range(21) if i != serving)
-    expected = 10 * np.log10(power_mw[serving] / (interference + 10 ** (deployment.noise_dbm / 10)))
+    expected = 10 * np.log10(power_mw[serving] / (interference + 10 ** (deployment.noise_dbm[serving] / 10)))
     assert got.sinr_db == pytest.approx(expected, abs=1e-9)
 
 
@@ -115,7 +115,7 @@ def test_less_load_never_hurts_and_power_does_not_change(x: float, y: float, z: 
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.floats(0, 250), st.floats(0, 360), st.floats(1.5, 300))
+@given(st.floats(1e-3, 250), st.floats(0, 360), st.floats(1.5, 300))
 def test_the_layout_looks_the_same_after_a_third_of_a_turn(radius: float, angle: float, z: float) -> None:
     angles = np.radians(angle + np.array([0.0, 120.0, 240.0]))
     sinr = simulate(hexagonal_deployment(), radius * np.cos(angles), radius * np.sin(angles), z).sinr_db
@@ -168,3 +168,43 @@ def test_what_is_refused() -> None:
         simulate(deployment, np.nan, 0.0, 30.0)
     with pytest.raises(InputError, match="do not broadcast"):
         simulate(deployment, np.zeros(2), np.zeros(3), 30.0)
+
+
+def test_separate_carriers_do_not_interfere_and_half_an_overlap_counts_half() -> None:
+    point = (60.0, -35.0, 45.0)
+    one = hexagonal_deployment(rings=0, boresights_deg=(0.0, 0.0), power_dbm=[48.0, 47.0], noise_figure_db=0.0)
+    power_mw = 10 ** (received_power_dbm(one, *point) / 10)
+    noise_mw = 10 ** (one.noise_dbm[0] / 10)
+    for apart_hz, share in ((0.0, 1.0), (4.5e6, 0.5), (9e6, 0.0), (50e6, 0.0)):
+        pair = hexagonal_deployment(
+            rings=0, boresights_deg=(0.0, 0.0), power_dbm=[48.0, 47.0], noise_figure_db=0.0, carrier_hz=[2e9, 2e9 + apart_hz]
+        )
+        expected = 10 * np.log10(power_mw[0] / (share * power_mw[1] + noise_mw))
+        assert simulate(pair, *point).sinr_db == pytest.approx(expected, abs=0.06)  # path loss at another frequency
+
+
+def test_a_wider_channel_spreads_its_power_and_its_interference() -> None:
+    point = (60.0, -35.0, 45.0)
+    pair = hexagonal_deployment(
+        rings=0, boresights_deg=(0.0, 0.0), power_dbm=[48.0, 49.0], bandwidth_hz=[10e6, 20e6], noise_figure_db=0.0
+    )
+    got = simulate(pair, *point)
+    # 49 dBm over 1200 subcarriers are less for each than 48 dBm over 600.
+    assert got.serving_sector == 0
+    assert got.rsrp_dbm == pytest.approx(got.wideband_power_dbm - 10 * np.log10(600))
+    power_mw = 10 ** (received_power_dbm(pair, *point) / 10)
+    noise_mw = 10 ** (pair.noise_dbm[0] / 10)
+    assert got.sinr_db == pytest.approx(10 * np.log10(power_mw[0] / (power_mw[1] / 2 + noise_mw)), abs=1e-9)
+
+
+def test_masts_of_different_antennas_and_numbers_of_sectors() -> None:
+    """Antennas are computed in groups; a mixed deployment gives each sector its own antenna's gain."""
+    antennas = (ColumnAntenna(10, 0.8, 7.0), ColumnAntenna(8, 0.7, 2.0, mechanical_tilt_deg=3.0))
+    rng = np.random.default_rng(0)
+    chosen = [antennas[i] for i in rng.integers(0, 2, 21)]
+    x, y, z = rng.uniform(-400, 400, (3, 40)) * [[1], [1], [0.1]] + [[0], [0], [60]]
+    together = received_power_dbm(hexagonal_deployment(antenna=chosen), x, y, z)
+    for antenna in antennas:
+        alone = received_power_dbm(hexagonal_deployment(antenna=antenna), x, y, z)
+        rows = [i for i in range(21) if chosen[i] is antenna]
+        np.testing.assert_allclose(together[rows], alone[rows], rtol=0, atol=1e-12)

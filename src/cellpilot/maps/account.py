@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from cellpilot.errors import InputError
 from cellpilot.maps.schema import RadioMap
@@ -15,11 +16,17 @@ class LogAccount:
     """Lines of one log: `rows` = `kept` + `rsrp_rows` + all of `dropped`."""
 
     file: str  # name without the folder
-    altitude_m: float
+    kind: str  # name of the format
+    altitude_m: tuple[float, float]  # lowest and highest sample
     rows: int  # lines after the header that are not blank
     kept: int  # a SINR value at a position
     rsrp_rows: int  # RSRP at a position, no SINR: kept apart, never paired with SINR
     dropped: Mapping[str, int]  # reason -> lines
+
+    def heights(self) -> str:
+        """Height or heights in words."""
+        low_m, high_m = self.altitude_m
+        return f"{low_m:g} m" if low_m == high_m else f"{low_m:.1f} to {high_m:.1f} m"
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,8 @@ class ImportAccount:
     def lines(self) -> list[str]:
         """The account as lines of text."""
         text = [
-            f"{log.file} at {log.altitude_m:g} m: {log.rows} lines, {log.kept} SINR samples kept, {log.rsrp_rows} with RSRP only"
+            f"{log.file} ({log.kind}) at {log.heights()}: {log.rows} lines, {log.kept} SINR samples kept,"
+            f" {log.rsrp_rows} with RSRP only"
             + "".join(f", {count} {reason}" for reason, count in sorted(log.dropped.items()))
             for log in self.logs
         ]
@@ -78,10 +86,17 @@ class ImportAccount:
     def from_json(cls, text: str) -> "ImportAccount":
         """The account in one line of JSON."""
         data = json.loads(text)
-        data["logs"] = tuple(LogAccount(**log) for log in data["logs"])
+        data["logs"] = tuple(_log_account(log) for log in data["logs"])
         data["levels"] = tuple(LevelAccount(**level) for level in data["levels"])
         data["mask"] = None if data["mask"] is None else tuple(data["mask"])
         return cls(**data)
+
+
+def _log_account(log: dict[str, Any]) -> LogAccount:
+    altitude_m = log["altitude_m"]
+    # Version 0.1.0 knew one kind of log, at one height.
+    heights_m = tuple(altitude_m) if isinstance(altitude_m, list) else (altitude_m, altitude_m)
+    return LogAccount(**{"kind": "drive-test export"} | log | {"altitude_m": heights_m})
 
 
 def account_of(dataset: RadioMap) -> ImportAccount:

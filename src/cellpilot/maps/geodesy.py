@@ -19,6 +19,8 @@ SEMI_MAJOR_AXIS_M = 6378137.0
 FLATTENING = 1 / 298.257223563
 """Flattening of WGS84 (NIMA TR8350.2, table 3.1)."""
 
+MEAN_RADIUS_KM = 6371.0
+
 MAX_LATITUDE_DEG = 89.0
 """Beyond this an east metre spans so many degrees that the tangent plane is no map any more."""
 
@@ -75,3 +77,15 @@ def to_degrees(x_m: ArrayLike, y_m: ArrayLike, anchor: Anchor) -> tuple[FloatArr
     longitude_deg = anchor.longitude_deg + np.asarray(x_m, dtype=np.float64) / east_m
     turn_deg = np.where(longitude_deg > 180, 360.0, np.where(longitude_deg < -180, -360.0, 0.0))
     return np.asarray(latitude_deg), np.asarray(longitude_deg - turn_deg)
+
+
+def farthest_from_the_rest(latitude_deg: FloatArray, longitude_deg: FloatArray) -> tuple[int, float]:
+    """The place farthest from the median place, and its great-circle distance from there [km]."""
+    latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
+    # As unit vectors, so that neither the antimeridian nor a few strays move the middle.
+    places = np.stack([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=-1)
+    middle = np.median(places, axis=0)
+    middle /= max(float(np.linalg.norm(middle)), 1e-9)
+    half_chord = np.linalg.norm(places - middle, axis=-1) / 2
+    farthest = int(half_chord.argmax())
+    return farthest, float(2 * MEAN_RADIUS_KM * np.arcsin(min(half_chord[farthest], 1.0)))

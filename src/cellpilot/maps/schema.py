@@ -11,7 +11,7 @@
 | `blocked` | z, y, x | bool | the drone may not enter |
 | `serving_sector` | z, y, x | int32 | optional: index of the strongest sector, -1 where unknown |
 | `rsrp_dbm` | sector, z, y, x | float32 | optional: received power of each sector |
-| `sector_name`, `sector_x_m`, `sector_y_m`, `sector_height_m`, `sector_boresight_deg` | sector | | optional: the sites |
+| `sector_name`, `sector_x_m`, `sector_y_m`, `sector_height_m`, `sector_boresight_deg`, `sector_power_dbm`, `sector_carrier_hz`, `sector_bandwidth_hz`, `sector_load` | sector | | optional: the sites |
 
 Attributes: see `make_map`. A leading dimension `condition` (load, hour) is reserved for a later version.
 """
@@ -69,6 +69,10 @@ COORDINATES = {
     "sector_y_m": Field(("sector",), np.float64, "m", "site of the sector, north of the anchor"),
     "sector_height_m": Field(("sector",), np.float64, "m", "antenna height of the sector"),
     "sector_boresight_deg": Field(("sector",), np.float64, "degree", "boresight of the sector, counter-clockwise from east"),
+    "sector_power_dbm": Field(("sector",), np.float64, "dBm", "transmit power of the sector"),
+    "sector_carrier_hz": Field(("sector",), np.float64, "Hz", "carrier frequency of the sector"),
+    "sector_bandwidth_hz": Field(("sector",), np.float64, "Hz", "channel bandwidth of the sector"),
+    "sector_load": Field(("sector",), np.float64, "1", "share of the carrier in use in the sector"),
 }
 
 

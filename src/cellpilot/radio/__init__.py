@@ -1,6 +1,8 @@
 """What would be received at (x, y, z): propagation, antennas, deployment, shadowing, SINR. NumPy only."""
 
 from cellpilot.radio.antenna import Antenna, ColumnAntenna, element_gain_dbi
+from cellpilot.radio.antenna_file import AntennaFile, read_antenna, write_antenna
+from cellpilot.radio.antenna_pattern import PatternAntenna
 from cellpilot.radio.deployment import RESOURCE_BLOCKS, Deployment, hexagonal_deployment
 from cellpilot.radio.propagation import ENVIRONMENTS, EnvironmentName, los_probability, path_loss_db, shadow_std_db
 from cellpilot.radio.simulation import LosMode, Reception, received_power_dbm, simulate
@@ -9,16 +11,20 @@ __all__ = [
     "ENVIRONMENTS",
     "RESOURCE_BLOCKS",
     "Antenna",
+    "AntennaFile",
     "ColumnAntenna",
     "Deployment",
     "EnvironmentName",
     "LosMode",
+    "PatternAntenna",
     "Reception",
     "element_gain_dbi",
     "hexagonal_deployment",
     "los_probability",
     "path_loss_db",
+    "read_antenna",
     "received_power_dbm",
     "shadow_std_db",
     "simulate",
+    "write_antenna",
 ]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellpilot.errors import InputError
+from cellpilot.radio import fast
 from cellpilot.radio.ranges import FloatArray, as_floats, check_range
 from cellpilot.units import to_db
 
@@ -32,7 +33,7 @@ def element_gain_dbi(azimuth_deg: ArrayLike, zenith_deg: ArrayLike) -> FloatArra
     """
     azimuth_deg = check_range(azimuth_deg, "azimuth", -np.inf, np.inf, "deg")
     zenith_deg = check_range(zenith_deg, "zenith", 0.0, 180.0, "deg")
-    azimuth_deg = (azimuth_deg + 180.0) % 360.0 - 180.0
+    azimuth_deg = fast.wrap_deg(azimuth_deg)
     vertical_db = np.minimum(12.0 * ((zenith_deg - 90.0) / ELEMENT_BEAMWIDTH_DEG) ** 2, ELEMENT_MAX_ATTENUATION_DB)
     horizontal_db = np.minimum(12.0 * (azimuth_deg / ELEMENT_BEAMWIDTH_DEG) ** 2, ELEMENT_MAX_ATTENUATION_DB)
     return np.asarray(ELEMENT_PEAK_DBI - np.minimum(vertical_db + horizontal_db, ELEMENT_MAX_ATTENUATION_DB))
@@ -78,7 +79,7 @@ class ColumnAntenna:
         azimuth_deg = check_range(azimuth_deg, "azimuth", -np.inf, np.inf, "deg")
         zenith_deg = check_range(zenith_deg, "zenith", 0.0, 180.0, "deg")
         if self.mechanical_tilt_deg != 0.0:
-            azimuth_deg, zenith_deg = _to_panel(azimuth_deg, zenith_deg, self.mechanical_tilt_deg)
+            azimuth_deg, zenith_deg = to_panel(azimuth_deg, zenith_deg, self.mechanical_tilt_deg)
         array_factor_db = np.maximum(to_db(self._array_factor(zenith_deg)), self.array_factor_floor_db)
         return np.asarray(element_gain_dbi(azimuth_deg, zenith_deg) + array_factor_db)
 
@@ -86,17 +87,19 @@ class ColumnAntenna:
         """Power of the column relative to one element, 0..M, towards a zenith angle of the panel."""
         # The geometric sum over the elements is sin(M u)/sin(u); at the main and grating lobes, sin(u) = 0, it is M.
         tilt_cosine = -np.sin(np.radians(self.electrical_tilt_deg))
-        half_phase = np.pi * self.spacing_wavelengths * (np.cos(np.radians(zenith_deg)) - tilt_cosine)
-        sine = np.sin(half_phase)
-        at_lobe = np.abs(sine) < 1e-7
-        ratio = np.sin(self.n_vertical * half_phase) / np.where(at_lobe, 1.0, sine)
-        return np.where(at_lobe, float(self.n_vertical), ratio**2 / self.n_vertical)
+        _, cosine = fast.sine_cosine(np.radians(zenith_deg))
+        half_phase = np.pi * self.spacing_wavelengths * (cosine - tilt_cosine)
+        one = self.n_vertical * fast.squared_sine(half_phase)
+        at_lobe = one < 1e-14
+        return np.where(at_lobe, float(self.n_vertical), fast.squared_sine(self.n_vertical * half_phase) / np.where(at_lobe, 1.0, one))
 
 
-def _to_panel(azimuth_deg: FloatArray, zenith_deg: FloatArray, tilt_deg: float) -> tuple[FloatArray, FloatArray]:
+def to_panel(azimuth_deg: FloatArray, zenith_deg: FloatArray, tilt_deg: float) -> tuple[FloatArray, FloatArray]:
     """Direction as the panel sees it: rotation about the horizontal axis across boresight, TR 38.901 clause 7.1.4."""
-    tilt, azimuth, zenith = np.radians(tilt_deg), np.radians(azimuth_deg), np.radians(zenith_deg)
-    forward, left, up = np.cos(azimuth) * np.sin(zenith), np.sin(azimuth) * np.sin(zenith), np.cos(zenith)
+    tilt = np.radians(tilt_deg)
+    azimuth_sine, azimuth_cosine = fast.sine_cosine(np.radians(azimuth_deg))
+    zenith_sine, up = fast.sine_cosine(np.radians(zenith_deg))
+    forward, left = azimuth_cosine * zenith_sine, azimuth_sine * zenith_sine
     panel_up = np.clip(forward * np.sin(tilt) + up * np.cos(tilt), -1.0, 1.0)
     panel_forward = forward * np.cos(tilt) - up * np.sin(tilt)
     return np.degrees(np.arctan2(left, panel_forward)), np.degrees(np.arccos(panel_up))

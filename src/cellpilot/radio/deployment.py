@@ -19,11 +19,14 @@ RESOURCE_BLOCKS = {1.4e6: 6, 3e6: 15, 5e6: 25, 10e6: 50, 15e6: 75, 20e6: 100}
 """Resource blocks of each LTE channel bandwidth [Hz]: 3GPP TS 36.104 Table 5.6-1."""
 
 SUBCARRIERS_PER_BLOCK = 12
+SUBCARRIER_SPACING_HZ = 15e3
 
 
 @dataclass(frozen=True, eq=False)
 class Deployment:
-    """Sectors of one carrier, all co-channel. Every array is `[sector]`; a single number or antenna stands for all sectors.
+    """Sectors and what they send. Every array is `[sector]`; a single number or antenna stands for all sectors.
+
+    Sectors interfere as far as their occupied bands overlap: fully on the same carrier, not at all on separate ones.
 
     `RangeError` for heights outside 1.5..300 m, loads outside 0..1, carriers outside 0.5..100 GHz; `InputError` for lengths
     that differ, a bandwidth LTE does not have, or antennas without a gain.
@@ -45,9 +48,9 @@ class Deployment:
     """Antenna of each sector."""
     site: NDArray[np.int64]
     """Number of the site a sector belongs to: sectors of one site share shadowing and LOS state."""
-    carrier_hz: float
+    carrier_hz: FloatArray
     """Carrier frequency [Hz, 0.5e9..100e9]."""
-    bandwidth_hz: float
+    bandwidth_hz: FloatArray
     """Channel bandwidth [Hz]: 1.4, 3, 5, 10, 15 or 20 MHz."""
     noise_figure_db: float
     """Noise figure of the receiver [dB, 0 or more]."""
@@ -64,16 +67,12 @@ class Deployment:
             "power_dbm": check_range(self.power_dbm, "power", -np.inf, np.inf, "dBm"),
             "load": check_range(self.load, "load", 0.0, 1.0, ""),
             "site": _site_numbers(self.site),
+            "carrier_hz": check_carrier(self.carrier_hz),
+            "bandwidth_hz": _bandwidths(self.bandwidth_hz),
         }
         for name, values in checked.items():
             object.__setattr__(self, name, _per_sector(values, name, n_sectors))
         object.__setattr__(self, "antenna", _antennas(self.antenna, n_sectors))
-        check_carrier(self.carrier_hz)
-        if self.bandwidth_hz not in RESOURCE_BLOCKS:
-            allowed = ", ".join(f"{hz / 1e6:g}" for hz in RESOURCE_BLOCKS)
-            raise InputError(
-                f"bandwidth is {as_floats(self.bandwidth_hz, 'bandwidth') / 1e6:g} MHz; expected one of {allowed} MHz"
-            )
         check_range(self.noise_figure_db, "noise figure", 0.0, np.inf, "dB")
 
     @property
@@ -81,22 +80,43 @@ class Deployment:
         """Number of sectors."""
         return len(self.x_m)
 
-    @property
-    def n_subcarriers(self) -> int:
-        """Occupied subcarriers: 12 for each resource block (600 at 10 MHz)."""
-        return SUBCARRIERS_PER_BLOCK * RESOURCE_BLOCKS[self.bandwidth_hz]
+    @cached_property
+    def n_subcarriers(self) -> NDArray[np.int64]:
+        """Occupied subcarriers `[sector]`: 12 for each resource block (600 at 10 MHz)."""
+        return np.array([SUBCARRIERS_PER_BLOCK * RESOURCE_BLOCKS[hz] for hz in self.bandwidth_hz.tolist()])
 
     @property
-    def noise_dbm(self) -> float:
-        """Receiver noise over the bandwidth [dBm]: thermal noise at 290 K plus noise figure."""
-        return float(THERMAL_NOISE_DBM_HZ + 10.0 * np.log10(self.bandwidth_hz) + self.noise_figure_db)
+    def noise_dbm(self) -> FloatArray:
+        """Receiver noise over the bandwidth of each sector [dBm]: thermal noise at 290 K plus noise figure."""
+        return np.asarray(THERMAL_NOISE_DBM_HZ + 10.0 * np.log10(self.bandwidth_hz) + self.noise_figure_db)
 
     @cached_property
     def masts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """First sector of each distinct (site, place, height), and the mast of each sector: links to a mast are computed once."""
-        place = np.stack([self.site, self.x_m, self.y_m, self.height_m], axis=-1)
+        """First sector of each distinct (site, place, height, carrier), and the mast of each sector: a link is computed once."""
+        place = np.stack([self.site, self.x_m, self.y_m, self.height_m, self.carrier_hz], axis=-1)
         _, first, mast = np.unique(place, axis=0, return_index=True, return_inverse=True)
         return first, mast.reshape(-1)
+
+    @cached_property
+    def antenna_groups(self) -> tuple[tuple[Antenna, NDArray[np.int64], NDArray[np.int64]], ...]:
+        """Equal antennas put together: (antenna, sectors `[mast, n]`, their masts `[mast]`), all masts of a group with equal n."""
+        _, mast = self.masts
+        by_mast: dict[tuple[Antenna, int], list[int]] = {}
+        for sector, antenna in enumerate(self.antenna):
+            by_mast.setdefault((antenna, int(mast[sector])), []).append(sector)
+        groups: dict[tuple[Antenna, int], list[list[int]]] = {}
+        for (antenna, _), sectors in by_mast.items():
+            groups.setdefault((antenna, len(sectors)), []).append(sectors)
+        return tuple((antenna, np.array(rows), mast[np.array(rows)[:, 0]]) for (antenna, _), rows in groups.items())
+
+    @cached_property
+    def channels(self) -> tuple[NDArray[np.int64], FloatArray]:
+        """Channel of each sector (equal carrier and bandwidth), and the share of channel j's power that falls into i's band `[i, j]`."""
+        bands, channel = np.unique(np.stack([self.carrier_hz, self.bandwidth_hz], axis=-1), axis=0, return_inverse=True)
+        occupied_hz = np.array([SUBCARRIER_SPACING_HZ * SUBCARRIERS_PER_BLOCK * RESOURCE_BLOCKS[hz] for hz in bands[:, 1].tolist()])
+        low_hz, high_hz = bands[:, 0] - occupied_hz / 2, bands[:, 0] + occupied_hz / 2
+        overlap_hz = np.minimum(high_hz[:, None], high_hz) - np.maximum(low_hz[:, None], low_hz)
+        return channel.reshape(-1), np.clip(overlap_hz, 0.0, None) / occupied_hz
 
 
 def hexagonal_deployment(
@@ -105,8 +125,8 @@ def hexagonal_deployment(
     boresights_deg: Sequence[float] = (30, 150, 270),
     base_height_m: float = 25.0,
     power_dbm: ArrayLike = 48.0,
-    carrier_hz: float = 2e9,
-    bandwidth_hz: float = 10e6,
+    carrier_hz: ArrayLike = 2e9,
+    bandwidth_hz: ArrayLike = 10e6,
     noise_figure_db: float = 9.0,
     load: ArrayLike = 1.0,
     antenna: Antenna | Sequence[Antenna] = ColumnAntenna(10, 0.8, 7.0),  # noqa: B008 (frozen)
@@ -114,8 +134,8 @@ def hexagonal_deployment(
     """Sites on a hexagonal lattice around the origin: 1 + 3 rings (rings + 1) sites; the defaults give 7 sites, 21 sectors.
 
     Order: the centre, then ring by ring, each counter-clockwise from due east (ring 1: 0, 60, ..., 300 degrees);
-    sector = site * len(boresights_deg) + index of the boresight. `power_dbm`, `load` and `antenna` are one for all or one
-    for each sector. Errors as `Deployment`; `InputError` for negative rings, no boresight, or a distance not above 0.
+    sector = site * len(boresights_deg) + index of the boresight. `power_dbm`, `load`, `carrier_hz`, `bandwidth_hz` and `antenna`
+    are one for all or one for each sector. Errors as `Deployment`; `InputError` for negative rings, no boresight, or a distance not above 0.
 
     Source: layout of 3GPP TR 36.777 Annex A (hexagonal, three sectors a site).
     """
@@ -137,8 +157,8 @@ def hexagonal_deployment(
         load=cast(Any, load),
         antenna=cast(Any, antenna),
         site=np.repeat(np.arange(len(sites)), n_boresights),
-        carrier_hz=carrier_hz,
-        bandwidth_hz=bandwidth_hz,
+        carrier_hz=cast(Any, carrier_hz),
+        bandwidth_hz=cast(Any, bandwidth_hz),
         noise_figure_db=noise_figure_db,
     )
 
@@ -167,6 +187,15 @@ def _site_numbers(site: ArrayLike) -> NDArray[np.int64]:
     if not (np.isfinite(numbers) & (numbers >= 0) & (numbers == np.floor(numbers))).all():
         raise InputError(f"site is {site!r}; expected whole numbers, 0 or more")
     return numbers.astype(np.int64)
+
+
+def _bandwidths(bandwidth_hz: ArrayLike) -> FloatArray:
+    checked = as_floats(bandwidth_hz, "bandwidth")
+    wrong = [hz for hz in checked.ravel().tolist() if hz not in RESOURCE_BLOCKS]
+    if wrong:
+        allowed = ", ".join(f"{hz / 1e6:g}" for hz in RESOURCE_BLOCKS)
+        raise InputError(f"bandwidth is {wrong[0] / 1e6:g} MHz; expected one of {allowed} MHz")
+    return checked
 
 
 def _antennas(antenna: Any, n_sectors: int) -> tuple[Antenna, ...]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellpilot.radio import fast
 from cellpilot.radio.ranges import FloatArray
 
 SPEED_OF_LIGHT_M_S = 3.0e8
@@ -16,35 +17,39 @@ EFFECTIVE_ENVIRONMENT_HEIGHT_M = 1.0
 
 @dataclass(frozen=True)
 class Link:
-    """Geometry and carrier of links, all arrays of one shape; distances are already floored."""
+    """Geometry and carrier of links to receivers of one height; the arrays broadcast, distances are already floored."""
 
     carrier_ghz: FloatArray
     distance_2d_m: FloatArray
     distance_3d_m: FloatArray
     base_height_m: FloatArray
-    height_m: FloatArray
+    height_m: float
+
+
+Losses = tuple[FloatArray, FloatArray | None]
+"""LOS and NLOS value [dB]; None where the source knows LOS only."""
 
 
 @dataclass(frozen=True)
 class Environment:
     """One propagation model: its formulas, and the correlation distances of shadowing and of the LOS state.
 
-    `los_probability` takes horizontal distance and height [m]; `path_loss_db` and `shadow_std_db` take a `Link` and
-    return (LOS, NLOS) [dB], NaN where the source defines no NLOS value. The callers have checked ranges.
+    `los_probability` takes horizontal distances and one height [m], `path_loss_db` and `shadow_std_db` a `Link`: formulas
+    are chosen by height once, not for each value. Results broadcast with the distances. The callers have checked ranges.
     """
 
-    los_probability: Callable[[FloatArray, FloatArray], FloatArray]
-    path_loss_db: Callable[[Link], tuple[FloatArray, FloatArray]]
-    shadow_std_db: Callable[[Link], tuple[FloatArray, FloatArray]]
+    los_probability: Callable[[FloatArray, float], FloatArray]
+    path_loss_db: Callable[[Link], Losses]
+    shadow_std_db: Callable[[Link], Losses]
     correlation_los_m: float
     correlation_nlos_m: float
     correlation_state_m: float
 
 
-def decaying_probability(distance_2d_m: FloatArray, certain_m: FloatArray | float, decay_m: FloatArray | float) -> FloatArray:
+def decaying_probability(distance_2d_m: FloatArray, certain_m: float, decay_m: float) -> FloatArray:
     """1 up to `certain_m`, then d1/d + exp(-d/p1)(1 - d1/d): the form of TR 36.777 Table B-1 and of TR 38.901 Table 7.4.2-1."""
     share = certain_m / np.maximum(distance_2d_m, certain_m)
-    return np.asarray(share + np.exp(-distance_2d_m / decay_m) * (1.0 - share))
+    return np.asarray(share + fast.exp(distance_2d_m / -decay_m) * (1.0 - share))
 
 
 def free_space_db(link: Link) -> FloatArray:

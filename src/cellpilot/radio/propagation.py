@@ -3,13 +3,15 @@
 A new model is one file that builds an `Environment`, and one line in `ENVIRONMENTS`.
 """
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cellpilot.errors import InputError
-from cellpilot.radio.environment import Environment, Link
+from cellpilot.radio import fast
+from cellpilot.radio.environment import Environment, Link, Losses
 from cellpilot.radio.ranges import FloatArray, check_range
 from cellpilot.radio.rma_av import RMA_AV
 from cellpilot.radio.uma_av import UMA_AV
@@ -63,7 +65,11 @@ def los_probability(environment: str, distance_2d_m: ArrayLike, height_m: ArrayL
     model = environment_named(environment)
     distance_2d_m = check_range(distance_2d_m, "horizontal distance", 0.0, np.inf, "m")
     distance_2d_m, height_m = np.broadcast_arrays(distance_2d_m, check_heights(height_m))
-    return model.los_probability(distance_2d_m, height_m)
+    probability = np.empty(height_m.shape)
+    for level_m in np.unique(height_m):
+        at = height_m == level_m
+        probability[at] = model.los_probability(distance_2d_m[at], float(level_m))
+    return probability
 
 
 def path_loss_db(
@@ -77,7 +83,7 @@ def path_loss_db(
 
     Source: 3GPP TR 36.777 Table B-2; below the aerial heights TR 38.901 Table 7.4.1-1.
     """
-    return environment_named(environment).path_loss_db(_link(carrier_hz, distance_2d_m, base_height_m, height_m))
+    return _by_height(environment_named(environment).path_loss_db, carrier_hz, distance_2d_m, base_height_m, height_m)
 
 
 def shadow_std_db(
@@ -90,17 +96,33 @@ def shadow_std_db(
 
     Source: 3GPP TR 36.777 Table B-3.
     """
-    return environment_named(environment).shadow_std_db(_link(carrier_hz, distance_2d_m, base_height_m, height_m))
+    return _by_height(environment_named(environment).shadow_std_db, carrier_hz, distance_2d_m, base_height_m, height_m)
 
 
-def _link(carrier_hz: ArrayLike, distance_2d_m: ArrayLike, base_height_m: ArrayLike, height_m: ArrayLike) -> Link:
-    """Checked and floored links of one shape."""
+def _by_height(
+    formula: Callable[[Link], Losses],
+    carrier_hz: ArrayLike,
+    distance_2d_m: ArrayLike,
+    base_height_m: ArrayLike,
+    height_m: ArrayLike,
+) -> tuple[FloatArray, FloatArray]:
+    """A formula of links over checked arrays of one shape, NaN where it knows no NLOS value."""
     carrier_hz, distance_2d_m, base_height_m, height_m = np.broadcast_arrays(
         check_carrier(carrier_hz),
         check_range(distance_2d_m, "horizontal distance", 0.0, np.inf, "m"),
         check_heights(base_height_m, "mast height"),
         check_heights(height_m),
     )
+    los_db, nlos_db = np.empty(height_m.shape), np.empty(height_m.shape)
+    for level_m in np.unique(height_m):
+        at = height_m == level_m
+        los_db[at], nlos = formula(link_to(carrier_hz[at], distance_2d_m[at], base_height_m[at], float(level_m)))
+        nlos_db[at] = np.nan if nlos is None else nlos
+    return los_db, nlos_db
+
+
+def link_to(carrier_hz: FloatArray, distance_2d_m: FloatArray, base_height_m: FloatArray, height_m: float) -> Link:
+    """Links of checked geometry to receivers of one height, with the distances floored."""
     floored_2d_m = np.maximum(distance_2d_m, MIN_DISTANCE_2D_M)
-    distance_3d_m = np.maximum(np.hypot(floored_2d_m, height_m - base_height_m), MIN_DISTANCE_3D_M)
+    distance_3d_m = np.maximum(fast.distance(floored_2d_m, height_m - base_height_m), MIN_DISTANCE_3D_M)
     return Link(carrier_hz / 1e9, floored_2d_m, distance_3d_m, base_height_m, height_m)

@@ -19,6 +19,8 @@ def as_floats(values: ArrayLike, what: str) -> FloatArray:
 def check_range(values: ArrayLike, what: str, low: float, high: float, unit: str) -> FloatArray:
     """The values as float64 if all are finite and in `low..high`, else `RangeError` with the first offender."""
     array = as_floats(values, what)
+    if array.size and low <= array.min() and array.max() <= high and np.isfinite([array.min(), array.max()]).all():
+        return array
     wrong = ~((array >= low) & (array <= high) & np.isfinite(array))
     if wrong.any():
         found = f"{array[wrong].flat[0]:g} {unit}".rstrip()

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from cellpilot.radio import fast
 from cellpilot.radio.environment import (
     SPEED_OF_LIGHT_M_S,
     Environment,
     Link,
+    Losses,
     carrier_db,
     decaying_probability,
 )
@@ -17,13 +19,15 @@ BUILDING_HEIGHT_M = 5.0
 STREET_WIDTH_M = 20.0
 
 
-def _los_probability(distance_2d_m: FloatArray, height_m: FloatArray) -> FloatArray:
+def _los_probability(distance_2d_m: FloatArray, height_m: float) -> FloatArray:
     """Table B-1; at and below 10 m TR 38.901 Table 7.4.2-1."""
-    ground = np.exp(-np.maximum(distance_2d_m - 10.0, 0.0) / 1000.0)
-    log_height = np.log10(np.clip(height_m, AERIAL_ABOVE_M, LOS_ONLY_ABOVE_M))
-    certain_m = np.maximum(1350.8 * log_height - 1602.0, 18.0)
-    aerial = decaying_probability(distance_2d_m, certain_m, np.maximum(15021.0 * log_height - 16053.0, 1000.0))
-    return np.where(height_m <= AERIAL_ABOVE_M, ground, np.where(height_m <= LOS_ONLY_ABOVE_M, aerial, 1.0))
+    if height_m > LOS_ONLY_ABOVE_M:
+        return np.ones(1)
+    if height_m > AERIAL_ABOVE_M:
+        log_height = np.log10(height_m)
+        certain_m, decay_m = max(1350.8 * log_height - 1602.0, 18.0), max(15021.0 * log_height - 16053.0, 1000.0)
+        return decaying_probability(distance_2d_m, certain_m, decay_m)
+    return fast.exp(np.maximum(distance_2d_m - 10.0, 0.0) / -1000.0)
 
 
 def _break_point_m(link: Link) -> FloatArray:
@@ -50,22 +54,23 @@ def _ground_nlos_db(link: Link) -> FloatArray:
     return np.asarray(161.04 + roofs_db - mast_db + distance_db + 20.0 * np.log10(link.carrier_ghz) - receiver_db)
 
 
-def _path_loss_db(link: Link) -> tuple[FloatArray, FloatArray]:
+def _path_loss_db(link: Link) -> Losses:
     """Table B-2; at and below 10 m TR 38.901 Table 7.4.1-1."""
-    log_distance, log_height = np.log10(link.distance_3d_m), np.log10(link.height_m)
-    aerial = link.height_m > AERIAL_ABOVE_M
-    aerial_los_db = np.maximum(23.9 - 1.8 * log_height, 20.0) * log_distance + carrier_db(link)
-    aerial_nlos_db = -12.0 + (35.0 - 5.3 * log_height) * log_distance + carrier_db(link)
-    los_db = np.where(aerial, aerial_los_db, _ground_los_db(link))
-    return los_db, np.maximum(los_db, np.where(aerial, aerial_nlos_db, _ground_nlos_db(link)))
+    if link.height_m <= AERIAL_ABOVE_M:
+        los_db, nlos_db = _ground_los_db(link), _ground_nlos_db(link)
+    else:
+        log_distance, log_height = np.log10(link.distance_3d_m), np.log10(link.height_m)
+        los_db = max(23.9 - 1.8 * log_height, 20.0) * log_distance + carrier_db(link)
+        nlos_db = (35.0 - 5.3 * log_height) * log_distance + (carrier_db(link) - 12.0)
+    return los_db, np.maximum(los_db, nlos_db)
 
 
-def _shadow_std_db(link: Link) -> tuple[FloatArray, FloatArray]:
+def _shadow_std_db(link: Link) -> Losses:
     """Table B-3. Above 40 m it has no NLOS value, although Table B-2 has a path loss."""
-    aerial = link.height_m > AERIAL_ABOVE_M
-    ground_los_db = np.where(link.distance_2d_m < _break_point_m(link), 4.0, 6.0)
-    los_db = np.where(aerial, 4.2 * np.exp(-0.0046 * link.height_m), ground_los_db)
-    return los_db, np.where(link.height_m > LOS_ONLY_ABOVE_M, np.nan, np.where(aerial, 6.0, 8.0))
+    if link.height_m <= AERIAL_ABOVE_M:
+        return np.where(link.distance_2d_m < _break_point_m(link), 4.0, 6.0), np.full(1, 8.0)
+    nlos_db = np.full(1, 6.0) if link.height_m <= LOS_ONLY_ABOVE_M else None
+    return np.full(1, 4.2 * np.exp(-0.0046 * link.height_m)), nlos_db
 
 
 # Correlation distances: TR 38.901 Table 7.5-6 (shadowing) and Table 7.6.3.1-2 (LOS state).

@@ -1,6 +1,8 @@
 """Received power, serving sector and SINR of a deployment at points in space."""
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -9,16 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from cellpilot.errors import InputError, RangeError
+from cellpilot.radio import fast
 from cellpilot.radio.deployment import Deployment
-from cellpilot.radio.propagation import check_heights, environment_named, los_probability, path_loss_db, shadow_std_db
+from cellpilot.radio.environment import Environment
+from cellpilot.radio.propagation import check_heights, environment_named, link_to
 from cellpilot.radio.ranges import FloatArray, check_range
-from cellpilot.radio.shadowing import SITE_CORRELATION, CorrelatedFields, Shadowing, draw_shadowing
+from cellpilot.radio.shadowing import SITE_CORRELATION, Shadowing, draw_shadowing
 from cellpilot.units import from_db, to_db
 
+IndexArray = NDArray[np.int64]
 LosMode = Literal["soft", "sampled", "los", "nlos"]
 
-CHUNK_LINKS = 2**18
-"""Links (sector x point) computed at once: bounds the memory to some tens of MB."""
+CHUNK_LINKS = 2**15
+"""Links (mast x place) computed at once: arrays of 256 kB stay in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,27 +52,23 @@ def simulate(
 ) -> Reception:
     """Serving sector, its power and the SINR at points (x, y, z) [m], as a `Reception` in their broadcast shape.
 
-    The strongest sector serves; all others interfere with their power times load. Points, modes, ranges and errors as
-    `received_power_dbm`.
+    The sector of the strongest RSRP serves; all others interfere with what of their power times load falls into its band.
+    Points, modes, ranges and errors as `received_power_dbm`.
 
     Source: RSRP as 3GPP TS 36.214 clause 5.1.1, the carrier's power spread evenly over its subcarriers.
     """
     points = _Points.of(x_m, y_m, z_m)
-    sinr_db, power_dbm = np.empty(points.x_m.size), np.empty(points.x_m.size)
-    serving_sector = np.empty(points.x_m.size, dtype=np.int64)
-    noise_mw = from_db(deployment.noise_dbm)
-    for chunk, sector_dbm in _power_chunks(deployment, points, environment, los, shadowing_seed, site_correlation):
-        serving = sector_dbm.argmax(axis=0)[None]
-        interference_mw = deployment.load[:, None] * from_db(sector_dbm)
-        # Zeroing the serving sector instead of subtracting it from the total: interferers may lie 75 dB below it.
-        np.put_along_axis(interference_mw, serving, 0.0, axis=0)
-        power_dbm[chunk] = np.take_along_axis(sector_dbm, serving, axis=0)[0]
-        sinr_db[chunk] = power_dbm[chunk] - to_db(interference_mw.sum(axis=0) + noise_mw)
-        serving_sector[chunk] = serving[0]
+    sinr_db, power_dbm = np.empty(points.size), np.empty(points.size)
+    serving_sector = np.empty(points.size, dtype=np.int64)
+
+    def receive(at: IndexArray, sector_dbm: FloatArray) -> None:
+        serving_sector[at], power_dbm[at], sinr_db[at] = _serve(deployment, sector_dbm)
+
+    _for_each_level(deployment, points, environment, los, shadowing_seed, site_correlation, receive)
     return Reception(
         sinr_db=sinr_db.reshape(points.shape),
         wideband_power_dbm=power_dbm.reshape(points.shape),
-        rsrp_dbm=(power_dbm - 10.0 * np.log10(deployment.n_subcarriers)).reshape(points.shape),
+        rsrp_dbm=(power_dbm - 10.0 * np.log10(deployment.n_subcarriers[serving_sector])).reshape(points.shape),
         serving_sector=serving_sector.reshape(points.shape),
     )
 
@@ -95,19 +96,39 @@ def received_power_dbm(
     Source: 3GPP TR 36.777 Annex B, TR 38.901 clauses 7.3, 7.4.4 and 7.6.3.3.
     """
     points = _Points.of(x_m, y_m, z_m)
-    power_dbm = np.empty((deployment.n_sectors, points.x_m.size))
-    for chunk, sector_dbm in _power_chunks(deployment, points, environment, los, shadowing_seed, site_correlation):
-        power_dbm[:, chunk] = sector_dbm
+    power_dbm = np.empty((deployment.n_sectors, points.size))
+
+    def keep(at: IndexArray, sector_dbm: FloatArray) -> None:
+        power_dbm[:, at] = sector_dbm
+
+    _for_each_level(deployment, points, environment, los, shadowing_seed, site_correlation, keep)
     return power_dbm.reshape(deployment.n_sectors, *points.shape)
+
+
+def _serve(deployment: Deployment, sector_dbm: FloatArray) -> tuple[IndexArray, FloatArray, FloatArray]:
+    """Serving sector, its power [dBm] and the SINR [dB] `[point]`, from the power of every sector `[sector, point]`."""
+    per_subcarrier_db = 10.0 * np.log10(deployment.n_subcarriers)[:, None]
+    several = np.ptp(per_subcarrier_db) > 0
+    serving = (sector_dbm - per_subcarrier_db if several else sector_dbm).argmax(axis=0)[None]
+    power_dbm = np.take_along_axis(sector_dbm, serving, axis=0)[0]
+    interference_mw = deployment.load[:, None] * from_db(sector_dbm)
+    # Zeroing the serving sector instead of subtracting it from the total: interferers may lie 75 dB below it.
+    np.put_along_axis(interference_mw, serving, 0.0, axis=0)
+    channel, share = deployment.channels
+    by_channel_mw = np.stack([interference_mw[channel == c].sum(axis=0) for c in range(len(share))])
+    sum_mw = (share[channel[serving[0]]].T * by_channel_mw).sum(axis=0) if len(share) > 1 else by_channel_mw[0]
+    noise_mw = from_db(deployment.noise_dbm)[serving[0]]
+    return serving[0], power_dbm, power_dbm - to_db(sum_mw + noise_mw)
 
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Checked points, flat, and the shape they came in."""
+    """Checked points, flat, in the shape they came in, and the places in the plane above which they lie."""
 
-    x_m: FloatArray
-    y_m: FloatArray
-    z_m: FloatArray
+    z_m: FloatArray  # [point]
+    place: IndexArray  # [point] number of the place below
+    x_m: FloatArray  # [place] all different
+    y_m: FloatArray  # [place]
     shape: tuple[int, ...]
 
     @classmethod
@@ -119,98 +140,121 @@ class _Points:
             x_m, y_m, z_m = np.broadcast_arrays(x_m, y_m, z_m)
         except ValueError as error:
             raise InputError(f"x, y and z have shapes {x_m.shape}, {y_m.shape}, {z_m.shape} that do not broadcast") from error
-        return cls(x_m.ravel(), y_m.ravel(), z_m.ravel(), x_m.shape)
+        places, place = np.unique(x_m.ravel() + 1j * y_m.ravel(), return_inverse=True)
+        return cls(z_m.ravel(), place.reshape(-1), places.real, places.imag, x_m.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return self.z_m.size
 
 
-def _power_chunks(
+def _for_each_level(
     deployment: Deployment,
     points: _Points,
     environment: str,
     los: LosMode,
     shadowing_seed: int | None,
     site_correlation: float,
-) -> Iterator[tuple[NDArray[np.int64], FloatArray]]:
-    """Point numbers `[chunk]` and the power of every sector there `[sector, chunk]` [dBm]."""
+    use: Callable[[IndexArray, FloatArray], None],
+) -> None:
+    """Call `use(points [n], power [sector, n] [dBm])` for some points of one height at a time, until all had their turn.
+
+    Chunks of places are shared among threads; NumPy computes outside the interpreter's lock.
+    """
     model = environment_named(environment)
     if los not in get_args(LosMode):
         raise InputError(f"los is {los!r}; expected one of {', '.join(get_args(LosMode))}")
-    order = np.arange(points.x_m.size)
+    if los == "nlos":
+        _check_nlos(environment, model, points)
     shadowing = None
     if shadowing_seed is not None:
         first, _ = deployment.masts
         shadowing = draw_shadowing(shadowing_seed, model, deployment.site[first], site_correlation)
-        # Points above each other share the value of a field: keep them in one chunk, where it is computed once.
-        order = np.lexsort((points.y_m, points.x_m))
     elif los == "sampled":
         raise InputError('los is "sampled" without a seed; give shadowing_seed, a whole number, or use los "soft"')
-    size = max(1, CHUNK_LINKS // deployment.n_sectors)
-    for start in range(0, order.size, size):
-        chunk = order[start : start + size]
-        yield (
-            chunk,
-            _sector_power_dbm(deployment, points.x_m[chunk], points.y_m[chunk], points.z_m[chunk], environment, los, shadowing),
-        )
+    order = np.lexsort((points.z_m, points.place))
+    size = max(1, CHUNK_LINKS // len(deployment.masts[0]))
+    starts = range(0, len(points.x_m), size)
+    edges = np.searchsorted(points.place[order], [*starts, len(points.x_m)])
+
+    def chunk(number: int) -> None:
+        places = slice(starts[number], min(starts[number] + size, len(points.x_m)))
+        above = order[edges[number] : edges[number + 1]]
+        sight = _Sight.of(deployment, model, los, shadowing, points.x_m[places], points.y_m[places])
+        for height_m in np.unique(points.z_m[above]).tolist():
+            at = above[points.z_m[above] == height_m]
+            use(at, sight.sector_power_dbm(height_m, points.place[at] - places.start))
+
+    with ThreadPoolExecutor(_usable_cores()) as pool:
+        for _ in pool.map(chunk, range(len(starts))):
+            pass
 
 
-def _sector_power_dbm(
-    deployment: Deployment,
-    x_m: FloatArray,
-    y_m: FloatArray,
-    z_m: FloatArray,
-    environment: str,
-    los: LosMode,
-    shadowing: Shadowing | None,
-) -> FloatArray:
-    """Power `[sector, point]` [dBm]: loss and direction once for each mast, gain for each sector on it."""
-    first, mast = deployment.masts
-    east_m, north_m = x_m - deployment.x_m[first, None], y_m - deployment.y_m[first, None]
-    distance_2d_m = np.hypot(east_m, north_m)
-    base_height_m = deployment.height_m[first, None]
-    loss_db = _loss_db(deployment.carrier_hz, distance_2d_m, base_height_m, x_m, y_m, z_m, environment, los, shadowing)
-    azimuth_deg = np.degrees(np.arctan2(north_m, east_m))
-    zenith_deg = np.degrees(np.arctan2(distance_2d_m, z_m - base_height_m))
-    gain_dbi = [
-        antenna.gain_dbi(azimuth_deg[m] - boresight_deg, zenith_deg[m])
-        for antenna, boresight_deg, m in zip(deployment.antenna, deployment.boresight_deg, mast, strict=True)
-    ]
-    return np.asarray(deployment.power_dbm[:, None] + np.stack(gain_dbi) - loss_db[mast])
+def _usable_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _loss_db(
-    carrier_hz: float,
-    distance_2d_m: FloatArray,
-    base_height_m: FloatArray,
-    x_m: FloatArray,
-    y_m: FloatArray,
-    z_m: FloatArray,
-    environment: str,
-    los: LosMode,
-    shadowing: Shadowing | None,
-) -> FloatArray:
-    """Loss `[mast, point]` [dB] in a LOS mode, shadowing included."""
-    los_db, nlos_db = path_loss_db(environment, carrier_hz, distance_2d_m, base_height_m, z_m)
-    if shadowing is not None:
-        std_los_db, std_nlos_db = shadow_std_db(environment, carrier_hz, distance_2d_m, base_height_m, z_m)
-        place, where = np.unique(x_m + 1j * y_m, return_inverse=True)
+def _check_nlos(environment: str, model: Environment, points: _Points) -> None:
+    for height_m in np.unique(points.z_m).tolist():
+        if model.path_loss_db(link_to(np.full(1, 2e9), np.full(1, 100.0), np.full(1, 25.0), height_m))[1] is None:
+            raise RangeError(f'{environment} at {height_m:g} m knows only LOS; fly lower or use los "soft"')
 
-        def field(fields: CorrelatedFields) -> FloatArray:
-            return fields.at(place.real, place.imag)[:, where]
 
-        if los != "nlos":
-            los_db = los_db + std_los_db * field(shadowing.los)
-        if los != "los":
-            nlos_db = nlos_db + std_nlos_db * field(shadowing.nlos)
-        if los == "sampled":
-            sees = ndtr(field(shadowing.state)) <= los_probability(environment, distance_2d_m, z_m)
-            return np.where(sees, los_db, nlos_db)
-    if los == "los":
-        return los_db
-    if los == "nlos":
-        undefined = np.isnan(nlos_db).any(axis=0)
-        if undefined.any():
-            raise RangeError(f'{environment} at {z_m[undefined][0]:g} m knows only LOS; fly lower or use los "soft"')
-        return nlos_db
-    probability = los_probability(environment, distance_2d_m, z_m)
-    # NLOS is NaN where it cannot occur; 0 x NaN must not reach the sum.
-    nlos_gain = np.where(probability < 1.0, (1.0 - probability) * from_db(-nlos_db), 0.0)
-    return -to_db(probability * from_db(-los_db) + nlos_gain)
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """What the masts see of some places, the same for all heights above them; arrays `[mast, place]`."""
+
+    deployment: Deployment
+    model: Environment
+    los: LosMode
+    distance_2d_m: FloatArray
+    azimuth_deg: FloatArray
+    fields: dict[str, FloatArray]  # kind -> standard normal field, if there is shadowing
+
+    @classmethod
+    def of(
+        cls, deployment: Deployment, model: Environment, los: LosMode, shadowing: Shadowing | None, x_m: FloatArray, y_m: FloatArray
+    ) -> "_Sight":
+        first, _ = deployment.masts
+        east_m, north_m = x_m - deployment.x_m[first, None], y_m - deployment.y_m[first, None]
+        needed = {"los": ("los",), "nlos": ("nlos",), "soft": ("los", "nlos"), "sampled": ("los", "nlos", "state")}[los]
+        fields = {} if shadowing is None else {kind: getattr(shadowing, kind).at(x_m, y_m) for kind in needed}
+        azimuth_deg = np.degrees(np.arctan2(north_m, east_m))
+        return cls(deployment, model, los, fast.distance(east_m, north_m), azimuth_deg, fields)
+
+    def sector_power_dbm(self, height_m: float, place: IndexArray) -> FloatArray:
+        """Power `[sector, point]` [dBm] at points of one height above the numbered places."""
+        whole = place.size == self.distance_2d_m.shape[1] and bool((place == np.arange(place.size)).all())
+        at = (lambda values: values) if whole else (lambda values: values[:, place])
+        deployment, (first, mast) = self.deployment, self.deployment.masts
+        distance_2d_m, azimuth_deg, base_height_m = at(self.distance_2d_m), at(self.azimuth_deg), deployment.height_m[first, None]
+        loss_db = self._loss_db(height_m, distance_2d_m, {kind: at(field) for kind, field in self.fields.items()})
+        zenith_deg = np.degrees(np.arctan2(distance_2d_m, height_m - base_height_m))
+        power_dbm = np.empty((deployment.n_sectors, place.size))
+        for antenna, sectors, masts in deployment.antenna_groups:
+            from_boresight_deg = azimuth_deg[masts, None] - deployment.boresight_deg[sectors][..., None]
+            gain_dbi = antenna.gain_dbi(from_boresight_deg, zenith_deg[masts, None])
+            power_dbm[sectors] = gain_dbi + (deployment.power_dbm[sectors][..., None] - loss_db[masts, None])
+        return power_dbm
+
+    def _loss_db(self, height_m: float, distance_2d_m: FloatArray, fields: dict[str, FloatArray]) -> FloatArray:
+        """Loss `[mast, point]` [dB] in the LOS mode, shadowing included."""
+        first, _ = self.deployment.masts
+        link = link_to(self.deployment.carrier_hz[first, None], distance_2d_m, self.deployment.height_m[first, None], height_m)
+        los_db, nlos_db = self.model.path_loss_db(link)
+        std_los_db, std_nlos_db = self.model.shadow_std_db(link) if fields else (None, None)
+        if std_los_db is not None and "los" in fields:
+            los_db = los_db + std_los_db * fields["los"]
+        if std_nlos_db is not None and nlos_db is not None and "nlos" in fields:
+            nlos_db = nlos_db + std_nlos_db * fields["nlos"]
+        if self.los == "los" or nlos_db is None:
+            return los_db
+        if self.los == "nlos":
+            return nlos_db
+        probability = self.model.los_probability(distance_2d_m, height_m)
+        if self.los == "sampled":
+            return np.where(ndtr(fields["state"]) <= probability, los_db, nlos_db)
+        if std_nlos_db is None and fields:
+            return los_db
+        return -to_db(probability * from_db(-los_db) + (1.0 - probability) * from_db(-nlos_db))

@@ -16,7 +16,9 @@ from cellpilot.report.numbers import percent
 from cellpilot.report.plane import (
     FloatArray,
     chosen_heights,
+    draw_boresights,
     draw_cells,
+    draw_scale_and_north,
     draw_sites,
     draw_special_cells,
     hatch_area,
@@ -118,9 +120,12 @@ def _sinr_map(radio_map: RadioMap, threshold_db: float) -> Figure:
         hatch_area(axes, grid, below, "////", "white")
         outline_area(axes, grid, below)
         draw_special_cells(axes, grid, radio_map, iz)
+        if len(sites):
+            draw_boresights(axes, radio_map, 0.08 * (grid.x_m[-1] - grid.x_m[0]))
         draw_sites(axes, sites)
         n_known = int(np.isfinite(sinr_db[iz]).sum())
         axes.set_title(f"{grid.z_m[iz]:g} m: {percent(below.sum() / max(n_known, 1), digits=0)} below")
+    draw_scale_and_north(panels[0], grid)
     bar = figure.colorbar(mesh, ax=panels, label="mean SINR [dB]", pad=0.02)
     mark_on_bar(bar, threshold_db)
     if len(heights) < len(grid.z_m):

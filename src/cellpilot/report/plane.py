@@ -179,3 +179,45 @@ def outline_handle(label: str) -> Line2D:
         label=label,
         path_effects=[patheffects.Stroke(linewidth=2.2, foreground="0.15"), patheffects.Normal()],
     )
+
+
+def draw_boresights(axes: Axes, radio_map: RadioMap, length_m: float) -> None:
+    """Short lines from the sites along the boresights of their sectors."""
+    if "sector_boresight_deg" not in radio_map.coords or "sector_x_m" not in radio_map.coords:
+        return
+    angle = np.radians(radio_map["sector_boresight_deg"].values)
+    x_m, y_m = radio_map["sector_x_m"].values, radio_map["sector_y_m"].values
+    ends_x_m, ends_y_m = x_m + length_m * np.cos(angle), y_m + length_m * np.sin(angle)
+    rim = [patheffects.Stroke(linewidth=2.6, foreground="black"), patheffects.Normal()]
+    axes.plot(np.stack([x_m, ends_x_m]), np.stack([y_m, ends_y_m]), color="white", linewidth=1.2, zorder=3.8, path_effects=rim)
+
+
+def draw_scale_and_north(axes: Axes, grid: Grid) -> None:
+    """A scale bar of a round length in the lower left, and an arrow to the north in the upper right."""
+    x_m, y_m = plane_edges_m(grid)
+    width_m, height_m = x_m[-1] - x_m[0], y_m[-1] - y_m[0]
+    length_m = round_length_m(0.3 * width_m)
+    left_m, low_m = x_m[0] + 0.05 * width_m, y_m[0] + 0.06 * height_m
+    rim = [patheffects.Stroke(linewidth=5, foreground="white"), patheffects.Normal()]
+    text_rim = [patheffects.Stroke(linewidth=2.5, foreground="white"), patheffects.Normal()]
+    axes.plot([left_m, left_m + length_m], [low_m, low_m], color="black", linewidth=2.5, zorder=5, path_effects=rim, solid_capstyle="butt")
+    label = f"{length_m / 1000:g} km" if length_m >= 1000 else f"{length_m:g} m"
+    axes.text(left_m + length_m / 2, low_m + 0.025 * height_m, label, ha="center", va="bottom", fontsize=7, zorder=5, path_effects=text_rim)
+    axes.annotate(
+        "N",
+        xy=(0.94, 0.97),
+        xytext=(0.94, 0.83),
+        xycoords="axes fraction",
+        ha="center",
+        va="center",
+        fontsize=8,
+        zorder=5,
+        arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 1.4},
+        path_effects=text_rim,
+    )
+
+
+def round_length_m(about_m: float) -> float:
+    """The greatest of 1, 2 and 5 times a power of ten that is not above a length [m]."""
+    power = 10.0 ** np.floor(np.log10(about_m))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= about_m))

@@ -1,6 +1,6 @@
 """Maps computed from a deployment: each bin is the mean of a fine lattice of simulated points."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ MAX_CELLS = 10_000_000
 """Larger maps would not fit the memory of a small machine."""
 Range = tuple[float, float]
 
+STRIP_POINTS = 2**17
+"""Points simulated between two reports of progress."""
+
 
 def simulate_map(
     deployment: Deployment,
@@ -28,16 +31,18 @@ def simulate_map(
     bin_m: float = 20.0,
     points_per_side: int = 8,
     anchor: Anchor | None = None,
+    names: Sequence[str] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> RadioMap:
     """The RadioMap of a deployment over a rectangle [m], at each height [m, increasing].
 
     A bin's `sinr_db` is the mean of the dB values of points_per_side^2 points at the centres of a fine lattice within
     it, `sinr_spread_db` their standard deviation, `count` their number, `sinr_std_db` 0: nothing about a simulation
     is unknown. `serving_sector` is the one that serves most of the points, the lowest index on ties. The sites are
-    kept as coordinates of the dimension `sector`. `environment`, `los`, `shadowing_seed` and the errors of the model's
+    kept as coordinates of the dimension `sector`, with their `names`. `progress` hears the share that is done. `environment`, `los`, `shadowing_seed` and the errors of the model's
     range: see `radio.simulate`. `InputError` for a rectangle that is no whole number of bins or heights that do not increase.
     """
-    x_m, y_m = _bin_centres("x", x_range_m, bin_m), _bin_centres("y", y_range_m, bin_m)
+    x_m, y_m = bin_centres("x", x_range_m, bin_m), bin_centres("y", y_range_m, bin_m)
     z_m = _heights(heights_m)
     if x_m.size * y_m.size * z_m.size > MAX_CELLS:
         cells = f"{x_m.size} x {y_m.size} x {z_m.size}"
@@ -49,22 +54,25 @@ def simulate_map(
     offset_m = ((np.arange(points_per_side) + 0.5) / points_per_side - 0.5) * bin_m
     shape = z_m.size, y_m.size, x_m.size
     mean_db, spread_db, serving = np.empty(shape), np.full(shape, np.nan), np.empty(shape, np.int32)
-    # One strip of bins at a time bounds the memory; all heights together, because they share the shadowing of a point.
-    for iy, centre_m in enumerate(y_m):
+    # Some rows of bins at a time bound the memory; all heights together, because they share what lies below them.
+    rows = max(1, STRIP_POINTS // (x_m.size * z_m.size * points_per_side**2))
+    for first in range(0, y_m.size, rows):
+        strip = slice(first, min(first + rows, y_m.size))
         reception = simulate(
             deployment,
-            (x_m[:, None] + offset_m)[None, :, None, :],
-            (centre_m + offset_m)[None, None, :, None],
-            z_m[:, None, None, None],
+            (x_m[:, None] + offset_m)[None, None, :, None, :],
+            (y_m[strip, None] + offset_m)[None, :, None, :, None],
+            z_m[:, None, None, None, None],
             environment=environment,
             los=los,
             shadowing_seed=shadowing_seed,
         )
-        sinr_db = reception.sinr_db.reshape(*shape[::2], -1)  # [nz, nx, points]
-        mean_db[:, iy] = sinr_db.mean(axis=-1)
+        sinr_db = reception.sinr_db.reshape(*reception.sinr_db.shape[:3], -1)  # [nz, rows, nx, points]
+        mean_db[:, strip] = sinr_db.mean(axis=-1)
         if points_per_side > 1:
-            spread_db[:, iy] = sinr_db.std(axis=-1, ddof=1)
-        serving[:, iy] = _most_frequent(reception.serving_sector.reshape(*shape[::2], -1), deployment.n_sectors)
+            spread_db[:, strip] = sinr_db.std(axis=-1, ddof=1)
+        serving[:, strip] = _most_frequent(reception.serving_sector.reshape(sinr_db.shape))
+        progress(strip.stop / y_m.size)
     return make_map(
         mean_db,
         x_m=x_m,
@@ -72,7 +80,7 @@ def simulate_map(
         z_m=z_m,
         count=points_per_side**2,
         optional={"sinr_spread_db": spread_db, "serving_sector": serving},
-        sectors=_sectors(deployment),
+        sectors=_sectors(deployment, names),
         anchor=anchor,
         source="simulation",
         model=f"{environment}, LOS {los}, {'no shadowing' if shadowing_seed is None else 'correlated shadowing'}",
@@ -82,13 +90,11 @@ def simulate_map(
             "los": los,
             "bin_m": float(bin_m),
             "points_per_side": points_per_side,
-            "carrier_hz": float(deployment.carrier_hz),
-            "bandwidth_hz": float(deployment.bandwidth_hz),
         },
     )
 
 
-def _bin_centres(axis: str, range_m: Range, bin_m: float) -> FloatArray:
+def bin_centres(axis: str, range_m: Range, bin_m: float) -> FloatArray:
     low_m, high_m = range_m
     if not np.isfinite([low_m, high_m, bin_m]).all() or bin_m <= 0 or high_m <= low_m:
         raise InputError(
@@ -108,20 +114,29 @@ def _heights(heights_m: Sequence[float]) -> FloatArray:
     return z_m
 
 
-def _most_frequent(sector: NDArray[np.int64], n_sectors: int) -> NDArray[np.int64]:
+def _most_frequent(sector: NDArray[np.int64]) -> NDArray[np.int64]:
     """The most frequent value along the last axis, the lowest on ties."""
-    places = sector.reshape(-1, sector.shape[-1])
-    row = np.arange(len(places))[:, None]
-    votes = np.bincount((row * n_sectors + places).ravel(), minlength=len(places) * n_sectors)
-    return votes.reshape(*sector.shape[:-1], n_sectors).argmax(axis=-1)
+    if sector.shape[-1] == 1:
+        return sector[..., 0]
+    places = np.sort(sector.reshape(-1, sector.shape[-1]), axis=-1)
+    # Equal values stand side by side: the first end of the longest run is the answer.
+    index = np.arange(places.shape[-1])
+    begins = np.concatenate([np.ones((len(places), 1), bool), places[:, 1:] != places[:, :-1]], axis=-1)
+    run = index - np.maximum.accumulate(np.where(begins, index, 0), axis=-1)
+    return np.take_along_axis(places, run.argmax(axis=-1)[:, None], axis=-1)[:, 0].reshape(sector.shape[:-1])
 
 
-def _sectors(deployment: Deployment) -> dict[str, NDArray[np.generic]]:
-    names = [f"site {site}, {boresight:g} deg" for site, boresight in zip(deployment.site, deployment.boresight_deg, strict=True)]
+def _sectors(deployment: Deployment, names: Sequence[str] | None) -> dict[str, NDArray[np.generic]]:
+    if names is None:
+        names = [f"site {site}, {boresight:g} deg" for site, boresight in zip(deployment.site, deployment.boresight_deg, strict=True)]
     return {
         "sector_name": np.array(names),
         "sector_x_m": deployment.x_m,
         "sector_y_m": deployment.y_m,
         "sector_height_m": deployment.height_m,
         "sector_boresight_deg": deployment.boresight_deg,
+        "sector_power_dbm": deployment.power_dbm,
+        "sector_carrier_hz": deployment.carrier_hz,
+        "sector_bandwidth_hz": deployment.bandwidth_hz,
+        "sector_load": deployment.load,
     }

@@ -1,0 +1,33 @@
+"""`cellpilot map info`: what a map holds, in words."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+from pydantic import Field
+
+from cellpilot.cli.console import out, warn
+from cellpilot.cli.options import parse
+from cellpilot.experiment import threshold_warning
+from cellpilot.maps import load_map
+from cellpilot.maps.words import described
+from cellpilot.scenario import Settings
+from cellpilot.world import World
+
+
+class InfoOptions(Settings):
+    """Options of `map info`."""
+
+    file: tyro.conf.Positional[Path] = Field(description="RadioMap file", strict=False)
+    threshold_db: float = Field(3.0, allow_inf_nan=False, description="SINR threshold [dB]")
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print it."""
+    options = parse(InfoOptions, arguments, "cellpilot map info", "What a map holds.")
+    radio_map = load_map(options.file)
+    out.print(f"{options.file}")
+    for line in described(radio_map, options.threshold_db):
+        out.print(f"  {line}")
+    warn(threshold_warning(World.from_map(radio_map), options.threshold_db))
+    return 0

@@ -1,0 +1,36 @@
+"""`cellpilot map show`: pictures of a map."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from pydantic import Field
+
+from cellpilot.cli.console import out
+from cellpilot.cli.options import parse
+from cellpilot.maps import load_map
+from cellpilot.scenario import NonNegative, Settings
+
+
+class ShowOptions(Settings):
+    """Options of `map show`."""
+
+    file: tyro.conf.Positional[Path] = Field(description="RadioMap file", strict=False)
+    out: Path | None = Field(None, description="picture to write (png, pdf or svg); default beside the map", strict=False)
+    what: Literal["sinr", "probability", "serving", "spread", "uncertainty", "count", "cdf"] = Field("sinr", description="what to draw")
+    threshold_db: float = Field(3.0, allow_inf_nan=False, description="SINR threshold [dB]")
+    noise_std_db: NonNegative = Field(0.0, description="noise of a measurement, for the probability [dB]")
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Draw and save."""
+    options = parse(ShowOptions, arguments, "cellpilot map show", "Draw a map.")
+    from cellpilot.report.figures import save_figure
+    from cellpilot.report.map_views import draw_map
+
+    default = options.file.with_suffix(".png" if options.what == "sinr" else f".{options.what}.png")
+    path = options.out or default
+    save_figure(draw_map(load_map(options.file), options.what, options.threshold_db, options.noise_std_db), path)
+    out.print(f"picture: {path}")
+    return 0

@@ -1,0 +1,42 @@
+"""`cellpilot map simulate`: the map of a scenario's deployment or of a site list."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+from pydantic import Field
+
+from cellpilot.cli.console import out, share_bar, warn
+from cellpilot.cli.options import parse, scenario_argument
+from cellpilot.errors import InputError
+from cellpilot.experiment import layout_warning, make_map, make_sites
+from cellpilot.maps import save_map
+from cellpilot.scenario import MapSettings, Scenario, Settings, SimulatedMap
+
+
+class SimulateOptions(Settings):
+    """Options of `map simulate`."""
+
+    scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
+    out: Path = Field(Path("map.nc"), description="RadioMap file to write (.nc, .zarr, .tif, .csv)", strict=False)
+    map: MapSettings = SimulatedMap()
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Simulate and write."""
+    # A scenario is the base of the settings; with a site list the thesis's is as good as any.
+    arguments = list(arguments)
+    if "--sites" in arguments:
+        arguments[arguments.index("--sites")] = "--map.sites"
+    given = any(argument.split("=")[0] == "--map.sites" for argument in arguments)
+    found = None if given and (not arguments or arguments[0].startswith("-")) else scenario_argument(arguments)
+    name, scenario = found if found else ("thesis-2d", Scenario())
+    default = SimulateOptions(scenario=name, map=scenario.map)
+    options = parse(SimulateOptions, arguments, "cellpilot map simulate", "Make the map of a scenario.", default)
+    if not isinstance(options.map, SimulatedMap):
+        raise InputError(f"{name} has no simulated map; import its logs instead: cellpilot map import")
+    with share_bar("simulate") as progress:
+        save_map(make_map(options.map, progress=progress), options.out)
+    out.print(f"map: {options.out}")
+    warn(layout_warning(make_sites(options.map).deployment, options.map))
+    return 0

@@ -1,0 +1,60 @@
+"""How well a method fills holes: whole blocks of the map are hidden, at all heights, and the estimate there is compared.
+
+Hiding single cells would flatter every method: neighbours along a flight line are a few metres away, across a hole they are not.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellpilot.errors import InputError
+from cellpilot.maps.estimate.methods import Known, Method
+
+FloatArray = NDArray[np.float64]
+INTERVAL_STD = 1.959964
+"""Half of a 95 % interval in standard deviations."""
+
+
+class HoldOut(NamedTuple):
+    """Errors of one method, means over the splits."""
+
+    rmse_db: float
+    mae_db: float
+    coverage: float  # share of hidden cells within the method's 95 % interval
+    answered: float  # share of hidden cells the method says anything of
+
+
+def block_holdout(
+    known: Known, methods: Mapping[str, Method], block_m: float = 60.0, hidden_share: float = 0.2, splits: int = 10, seed: int = 0
+) -> dict[str, HoldOut]:
+    """Root mean square and mean absolute error [dB], and interval coverage of each method over hidden blocks.
+
+    In each split a share of the blocks of `block_m` x `block_m` that hold measurements is hidden at all heights. Errors are those
+    of cell means; the interval counts the noise of a hidden cell's own samples. `InputError` for fewer than 5 blocks.
+    """
+    block = np.floor(known.points_m[:, :2] / block_m)
+    blocks, number = np.unique(block, axis=0, return_inverse=True)
+    n_hidden = round(hidden_share * len(blocks))
+    if n_hidden < 1 or len(blocks) < 5:
+        raise InputError(f"the measurements fill {len(blocks)} block(s) of {block_m:g} m; a hold-out check needs at least 5: use smaller blocks")
+    rows: dict[str, list[HoldOut]] = {name: [] for name in methods}
+    for split in range(splits):
+        hidden_blocks = np.random.default_rng([seed, split]).permutation(len(blocks))[:n_hidden]
+        hidden = np.isin(number.ravel(), hidden_blocks)
+        seen = Known(*(values[~hidden] for values in known))
+        for name, method in methods.items():
+            rows[name].append(_errors(known, hidden, method(seen, known.points_m[hidden], known.prior_db[hidden])))
+    return {name: HoldOut(*np.mean(results, axis=0).tolist()) for name, results in rows.items()}
+
+
+def _errors(known: Known, hidden: NDArray[np.bool_], estimate: "tuple[FloatArray, FloatArray, float]") -> HoldOut:
+    mean_db, std_db, noise_std_db = estimate
+    error_db = mean_db - known.mean_db[hidden]
+    told = ~np.isnan(error_db)
+    total_std_db = np.sqrt(std_db**2 + noise_std_db**2 / known.count[hidden])
+    within = np.abs(error_db[told]) <= INTERVAL_STD * total_std_db[told]
+    return HoldOut(
+        float(np.sqrt(np.mean(error_db[told] ** 2))), float(np.abs(error_db[told]).mean()), float(within.mean()), float(told.mean())
+    )

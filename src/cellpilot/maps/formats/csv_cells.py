@@ -1,0 +1,103 @@
+"""CSV: one line for each cell with its place in metres and, for a map with an anchor, in degrees.
+
+The first line is a comment that holds the attributes as JSON; without it the file is a map all the same, made elsewhere.
+"""
+
+import csv
+import json
+from math import isnan
+from pathlib import Path
+
+import numpy as np
+
+from cellpilot.errors import InputError
+from cellpilot.maps.geodesy import to_degrees
+from cellpilot.maps.schema import CELL, FIELDS, RadioMap, anchor_of, make_map, validate
+from cellpilot.maps.text_table import Column, open_table
+from cellpilot.provenance import write_atomically
+
+MARK = "# cellpilot map "
+PLACES = ("x_m", "y_m", "z_m")
+VARIABLES = tuple(name for name, field in FIELDS.items() if field.dims == CELL)
+
+
+def write(dataset: RadioMap, path: Path) -> None:
+    """Write the variables over cells of a valid map; what belongs to sectors is left out."""
+    names = [name for name in VARIABLES if name in dataset]
+    z_m, y_m, x_m = (axis.ravel() for axis in np.meshgrid(*(dataset[axis].values for axis in CELL), indexing="ij"))
+    columns = {"x_m": x_m, "y_m": y_m, "z_m": z_m}
+    anchor = anchor_of(dataset)
+    if anchor is not None:
+        columns |= dict(zip(("latitude", "longitude"), to_degrees(x_m, y_m, anchor), strict=True))
+    columns |= {name: dataset[name].values.ravel() for name in names}
+    texts = {name: [_text(value) for value in values.tolist()] for name, values in columns.items()}
+    # Float32 values are written as short as they can be without loss.
+    texts |= {name: [_text(v) for v in columns[name].astype(str)] for name in names if columns[name].dtype == np.float32}
+
+    def fill(temporary: Path) -> None:
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            file.write(MARK + json.dumps(dataset.attrs, sort_keys=True) + "\n")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(texts)
+            writer.writerows(zip(*texts.values(), strict=True))
+
+    write_atomically(path, fill)
+
+
+def read(path: Path) -> RadioMap:
+    """The map in a CSV file; cells that no line names are unknown. `InputError` for a cell named twice or off the grid."""
+    table, rows = open_table(path, "map with one line a cell")
+    table.require((*PLACES, "sinr_db"), "; expected a map with one line a cell (a measured log is imported: cellpilot map import)")
+    names = [name for name in VARIABLES if name in table.names]
+    limits = {name: Column(name, -1e9, 1e9) for name in (*PLACES, *names)}
+    lines, cells = [], []
+    for row in rows:
+        row.check_width()
+        place = [row.needed(limits[name]) for name in PLACES]
+        cells.append(place + [row.number(limits[name]) for name in names])
+        lines.append(row.line)
+    if not cells:
+        raise InputError(f"{path}: no cells below the header; expected one line for each")
+    values = np.array(cells)
+    (x_m, ix), (y_m, iy), (z_m, iz) = (np.unique(values[:, i], return_inverse=True) for i in range(3))
+    index = (iz * len(y_m) + iy) * len(x_m) + ix
+    unique, first = np.unique(index, return_index=True)
+    if len(unique) < len(index):
+        again = int(np.setdiff1d(np.arange(len(index)), first)[0])
+        raise InputError(f"{path}, line {lines[again]}: the cell at {values[again, :3].tolist()} is there already; expected one line for each")
+    shape = len(z_m), len(y_m), len(x_m)
+    arrays = {name: _gridded(values[:, 3 + i], index, shape, name) for i, name in enumerate(names)}
+    sinr_db = arrays.pop("sinr_db")
+    optional = {name: arrays.pop(name) for name in ("sinr_spread_db", "serving_sector") if name in arrays}
+    attributes = _attributes(path)
+    dataset = make_map(
+        sinr_db, x_m=x_m, y_m=y_m, z_m=z_m, source="CSV", optional=optional, unknown=attributes.get("unknown", "blocked"), **arrays
+    )
+    if attributes:
+        dataset.attrs = attributes
+    return validate(dataset, str(path))
+
+
+def _gridded(values: np.ndarray, index: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
+    array = np.full(np.prod(shape), {"sinr_db": np.nan, "sinr_std_db": np.nan, "sinr_spread_db": np.nan, "blocked": 1.0, "serving_sector": -1.0}.get(name, 0.0))
+    array[index] = values
+    return array.reshape(shape)
+
+
+def _attributes(path: Path) -> dict[str, str | int | float]:
+    with path.open(encoding="utf-8-sig") as file:
+        first = file.readline()
+    if not first.startswith(MARK):
+        return {}
+    try:
+        return dict(json.loads(first.removeprefix(MARK)))
+    except ValueError:
+        raise InputError(f"{path}, line 1: the attributes are no JSON; expected the line as cellpilot wrote it, or none") from None
+
+
+def _text(value: float | int | bool | str) -> str:
+    if isinstance(value, bool):
+        return str(int(value))
+    if isinstance(value, str):
+        return "" if value == "nan" else value
+    return "" if isinstance(value, float) and isnan(value) else repr(value)

@@ -1,0 +1,193 @@
+"""Maps from ray tracing with Sionna RT (extra `raytrace`), in a process of its own, and from what Sionna has saved."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from glob import glob
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellpilot.errors import InputError
+from cellpilot.maps.schema import RadioMap, make_map
+from cellpilot.radio import ColumnAntenna, Deployment
+from cellpilot.units import from_db, to_db
+
+FloatArray = NDArray[np.float64]
+
+LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
+LLVM_PLACES = ("/usr/lib/*/libLLVM-19.so", "/usr/lib/llvm-19/lib/libLLVM*.so*", "/usr/lib/*/libLLVM.so.19*", "/usr/lib/*/libLLVM-2*.so")
+"""Where Debian's libllvm19 and newer ones lie. Versions 15 and 16 end the process, 14 is refused."""
+
+
+@dataclass(frozen=True)
+class Rays:
+    """How rays are traced."""
+
+    rays: int = 1_000_000  # of each sector at each height
+    reflections: int = 3
+    diffuse: bool = False
+    diffraction: bool = False
+    seed: int = 42
+    above_roof_m: float = 3.0  # of an antenna whose mast would stand inside a building
+
+
+def missing_for_raytracing() -> str | None:
+    """What is missing for ray tracing and how to get it, in one sentence; None if all is there."""
+    if find_spec("sionna") is None or find_spec("sionna.rt") is None:
+        return "the package sionna-rt is not installed: pip install 'cellpilot[raytrace]'"
+    if not os.environ.get(LLVM_VARIABLE) and _llvm() is None:
+        return f"no LLVM library of version 19 or newer: apt-get install libllvm19, or set {LLVM_VARIABLE} to libLLVM.so"
+    return None
+
+
+def raytrace_map(
+    deployment: Deployment,
+    scene: str,
+    *,
+    x_m: FloatArray,
+    y_m: FloatArray,
+    heights_m: Sequence[float],
+    rays: Rays = Rays(),
+    names: Sequence[str] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> RadioMap:
+    """The RadioMap of a deployment in a scene of Sionna RT ("munich", "etoile", or a Mitsuba XML file), at cell centres [m].
+
+    A cell's SINR follows from its mean path gain over the cell's area. Cells below the roof of a building are blocked; cells no ray
+    reaches are unknown. All sectors need one carrier and one column antenna up to mechanical tilt. `InputError` for anything else,
+    for what is missing, and with the last line of the tracing process should that fail.
+
+    Source: path gain as defined for radio maps of Sionna RT (mean of |h|^2 over a cell); antenna TR 38.901 Table 7.3-1.
+    """
+    missing = missing_for_raytracing()
+    if missing:
+        raise InputError(f"ray tracing is not possible here: {missing}")
+    request = _request(deployment, scene, x_m, y_m, heights_m, rays)
+    with tempfile.TemporaryDirectory() as folder:
+        result = _run(request, Path(folder), progress)
+        gain, roofs_m, raised_m = (result[name] for name in ("gain", "roofs_m", "raised_m"))
+    z_m = np.asarray(heights_m, dtype=np.float64)
+    with np.errstate(divide="ignore"):
+        power_dbm = deployment.power_dbm[:, None, None, None] + to_db(gain)
+    radio_map = map_of_powers(deployment, power_dbm, x_m, y_m, z_m, roofs_m[None] >= z_m[:, None, None], names, raised_m)
+    radio_map.attrs |= {
+        "source": "ray tracing",
+        "model": f"Sionna RT, scene {Path(scene).stem}, {rays.rays:,} rays a sector, {rays.reflections} reflections",
+        "seed": rays.seed,
+        "rays": json.dumps(asdict(rays), sort_keys=True),
+    }
+    return radio_map
+
+
+def map_of_powers(
+    deployment: Deployment,
+    power_dbm: FloatArray,
+    x_m: FloatArray,
+    y_m: FloatArray,
+    z_m: FloatArray,
+    inside: NDArray[np.bool_],
+    names: Sequence[str] | None,
+    height_m: FloatArray,
+) -> RadioMap:
+    """The map of received powers `[sector, z, y, x]` [dBm, -inf where nothing arrives]; `inside [z, y, x]` is blocked."""
+    power_mw = from_db(power_dbm)
+    serving = power_mw.argmax(axis=0)[None]
+    interference_mw = deployment.load[:, None, None, None] * power_mw
+    np.put_along_axis(interference_mw, serving, 0.0, axis=0)
+    best_mw = np.take_along_axis(power_mw, serving, axis=0)[0]
+    with np.errstate(divide="ignore"):
+        sinr_db = to_db(best_mw / (interference_mw.sum(axis=0) + from_db(deployment.noise_dbm)[serving[0]]))
+    unknown = (best_mw <= 0) | inside
+    names = [f"site {site}" for site in deployment.site] if names is None else names
+    return make_map(
+        np.where(unknown, np.nan, sinr_db),
+        x_m=x_m,
+        y_m=y_m,
+        z_m=z_m,
+        source="ray tracing",
+        sinr_std_db=np.where(unknown, np.nan, 0.0),
+        blocked=unknown,
+        optional={
+            "serving_sector": np.where(unknown, -1, serving[0]),
+            "rsrp_dbm": np.where(power_mw > 0, power_dbm - 10.0 * np.log10(deployment.n_subcarriers)[:, None, None, None], np.nan),
+        },
+        sectors={
+            "sector_name": np.array(names),
+            "sector_x_m": deployment.x_m,
+            "sector_y_m": deployment.y_m,
+            "sector_height_m": height_m,
+            "sector_boresight_deg": deployment.boresight_deg,
+            "sector_power_dbm": deployment.power_dbm,
+            "sector_carrier_hz": deployment.carrier_hz,
+            "sector_bandwidth_hz": deployment.bandwidth_hz,
+            "sector_load": deployment.load,
+        },
+    )
+
+
+def _request(
+    deployment: Deployment, scene: str, x_m: FloatArray, y_m: FloatArray, heights_m: Sequence[float], rays: Rays
+) -> dict[str, Any]:
+    antennas = {(a.n_vertical, a.spacing_wavelengths, a.electrical_tilt_deg) for a in deployment.antenna if isinstance(a, ColumnAntenna)}
+    if len(antennas) != 1 or not all(isinstance(a, ColumnAntenna) for a in deployment.antenna):
+        raise InputError("ray tracing needs the same column antenna, with the same electrical tilt, in all sectors")
+    if len(np.unique(deployment.carrier_hz)) > 1 or len(np.unique(deployment.bandwidth_hz)) > 1:
+        raise InputError("ray tracing needs one carrier and one bandwidth in all sectors: trace each carrier alone")
+    elements, spacing, tilt_deg = antennas.pop()
+    sectors = [
+        {
+            "x_m": float(deployment.x_m[i]),
+            "y_m": float(deployment.y_m[i]),
+            "height_m": float(deployment.height_m[i]),
+            "boresight_deg": float(deployment.boresight_deg[i]),
+            "mechanical_tilt_deg": float(antenna.mechanical_tilt_deg),  # type: ignore[attr-defined]
+        }
+        for i, antenna in enumerate(deployment.antenna)
+    ]
+    return {
+        "scene": scene,
+        "x_m": x_m.tolist(),
+        "y_m": y_m.tolist(),
+        "heights_m": list(heights_m),
+        "carrier_hz": float(deployment.carrier_hz[0]),
+        "bandwidth_hz": float(deployment.bandwidth_hz[0]),
+        "elements": elements,
+        "spacing_wavelengths": spacing,
+        "electrical_tilt_deg": tilt_deg,
+        "sectors": sectors,
+        **asdict(rays),
+    }
+
+
+def _run(request: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, FloatArray]:
+    """Run the worker and read its result; `InputError` with what it said last if it fails or is ended by a signal."""
+    question, answer, complaints = folder / "request.json", folder / "result.npz", folder / "stderr"
+    question.write_text(json.dumps(request))
+    environment = dict(os.environ)
+    found = _llvm()
+    if not environment.get(LLVM_VARIABLE) and found is not None:
+        environment[LLVM_VARIABLE] = found
+    command = [sys.executable, "-m", "cellpilot.maps.sources.raytrace_worker", str(question), str(answer)]
+    with complaints.open("w") as errors, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment) as worker:
+        assert worker.stdout is not None
+        for line in worker.stdout:
+            if line.startswith("progress "):
+                progress(float(line.split()[1]))
+    if worker.returncode != 0 or not answer.exists():
+        said = [line for line in complaints.read_text(errors="replace").splitlines() if line.strip()]
+        how = f"ended by signal {-worker.returncode}" if worker.returncode < 0 else f"exit code {worker.returncode}"
+        raise InputError(f"ray tracing failed ({how}): {said[-1] if said else 'it said nothing; is the LLVM library version 19 or newer?'}")
+    with np.load(answer) as result:
+        return {name: result[name] for name in result.files}
+
+
+def _llvm() -> str | None:
+    return next((path for pattern in LLVM_PLACES for path in sorted(glob(pattern))), None)

@@ -1,0 +1,228 @@
+"""Site lists: one line of a CSV file for each sector, as radio planners keep them.
+
+| column | content |
+|---|---|
+| `site_id` | text; sectors with one id share a mast's shadowing and LOS state |
+| `latitude`, `longitude` | WGS84 [deg]; or `x_m`, `y_m`, east and north [m] |
+| `height_m` | antenna above ground [m, 1.5..300] |
+| `sector_id` | text |
+| `azimuth_deg` | boresight as a compass bearing [deg, 0..360]: 0 = north, 90 = east |
+| `mechanical_tilt_deg` | optional, downwards [deg], default 0 |
+| `electrical_tilt_deg` | downwards [deg]; optional with an antenna file, default the file's own |
+| `antenna` | `column(ELEMENTS,SPACING_WAVELENGTHS)`, `column(..,..,FLOOR_DB)`, or an antenna file relative to the list |
+| `power_dbm` | transmit power of the sector over its carrier [dBm] |
+| `carrier_mhz`, `bandwidth_mhz` | carrier and channel bandwidth [MHz] |
+| `load` | optional, share of the carrier in use [0..1], default 1 |
+
+Further columns are allowed and left alone.
+"""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellpilot.errors import InputError
+from cellpilot.maps.geodesy import Anchor, farthest_from_the_rest, to_degrees, to_local
+from cellpilot.maps.text_table import LATITUDE_DEG, LONGITUDE_DEG, Column, Row, Table, open_table
+from cellpilot.provenance import write_atomically
+from cellpilot.radio import Antenna, AntennaFile, ColumnAntenna, Deployment, PatternAntenna, read_antenna, write_antenna
+
+DEGREES, METRES = ("latitude", "longitude"), ("x_m", "y_m")
+REQUIRED = ("site_id", "height_m", "sector_id", "azimuth_deg", "antenna", "power_dbm", "carrier_mhz", "bandwidth_mhz")
+
+COLUMN_ANTENNA = re.compile(r"column\(\s*(\d+)\s*,\s*([-+.\deE]+)\s*(?:,\s*([-+.\deE]+)\s*)?\)", re.IGNORECASE)
+DEFAULT_FLOOR_DB = -40.0
+FARTHEST_KM = 200.0
+"""A site farther from the middle of its list is taken for a mistake: exchanged coordinates, a lost sign."""
+
+
+@dataclass(frozen=True, eq=False)
+class SiteList:
+    """A deployment with the names of its sectors, and where on Earth it stands."""
+
+    deployment: Deployment
+    names: tuple[str, ...] | None  # `site_id/sector_id` of each sector; None for a layout that has no names
+    anchor: Anchor | None  # of x = y = 0; None for a list in metres
+
+
+def read_sites(path: str | Path, anchor: Anchor | None = None, noise_figure_db: float = 9.0) -> SiteList:
+    """The sectors of a site list.
+
+    `anchor` is where x = y = 0 lies; by default the middle of the sites' extent. `InputError` with file, line and column for a
+    missing column or value, a value out of range, an unreadable antenna, a sector given twice, and a site far from the others.
+    """
+    path = Path(path)
+    table, rows = open_table(path, "site list")
+    in_degrees = _in_degrees(table)
+    table.require(REQUIRED)
+    reader = _SectorReader(path.parent, in_degrees)
+    sectors = [reader.sector(row) for row in rows]
+    if not sectors:
+        raise InputError(f"{path}: no sectors below the header; expected one line for each")
+    arrays = {name: np.array([sector[name] for sector in sectors]) for name in sectors[0] if name not in ("antenna", "name")}
+    if in_degrees:
+        latitude_deg, longitude_deg = arrays.pop("latitude"), arrays.pop("longitude")
+        _check_together(path, reader.lines, latitude_deg, longitude_deg)
+        if anchor is None:
+            anchor = Anchor(*(float((values.min() + values.max()) / 2) for values in (latitude_deg, longitude_deg)))
+        arrays["x_m"], arrays["y_m"] = to_local(latitude_deg, longitude_deg, anchor)
+    antennas = tuple(sector["antenna"] for sector in sectors)
+    deployment = Deployment(**arrays, antenna=antennas, noise_figure_db=noise_figure_db)
+    return SiteList(deployment, tuple(sector["name"] for sector in sectors), anchor)
+
+
+def write_sites(
+    deployment: Deployment, path: str | Path, names: Sequence[str] | None = None, anchor: Anchor | None = None
+) -> None:
+    """Write a deployment as a site list that `read_sites` reads back: in degrees with an anchor, else in metres.
+
+    `names` are `site_id/sector_id`; by default the numbers of site and sector. Antennas with measured cuts are written as files
+    beside the list, each once.
+    """
+    path = Path(path)
+    names = [f"{site}/{sector}" for sector, site in enumerate(deployment.site)] if names is None else names
+    files: dict[bytes, str] = {}
+    lines: list[dict[str, Any]] = []
+    for i in range(deployment.n_sectors):
+        site_id, _, sector_id = names[i].partition("/")
+        place = {"x_m": repr(float(deployment.x_m[i])), "y_m": repr(float(deployment.y_m[i]))}
+        if anchor is not None:
+            latitude, longitude = to_degrees(deployment.x_m[i], deployment.y_m[i], anchor)
+            place = {"latitude": repr(float(latitude)), "longitude": repr(float(longitude))}
+        lines.append(
+            {"site_id": site_id}
+            | place
+            | {
+                "height_m": repr(float(deployment.height_m[i])),
+                "sector_id": sector_id,
+                "azimuth_deg": repr(float((90.0 - deployment.boresight_deg[i]) % 360.0)),
+                **_antenna_fields(deployment.antenna[i], path, files),
+                "power_dbm": repr(float(deployment.power_dbm[i])),
+                "carrier_mhz": repr(float(deployment.carrier_hz[i] / 1e6)),
+                "bandwidth_mhz": repr(float(deployment.bandwidth_hz[i] / 1e6)),
+                "load": repr(float(deployment.load[i])),
+            }
+        )
+
+    def write(temporary: Path) -> None:
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(lines)
+
+    write_atomically(path, write)
+
+
+@dataclass
+class _SectorReader:
+    """Reads the lines of one site list."""
+
+    folder: Path
+    in_degrees: bool
+    lines: list[int] = field(default_factory=list)
+    sites: dict[str, int] = field(default_factory=dict)
+    names: dict[str, int] = field(default_factory=dict)
+    antennas: dict[tuple[Any, ...], Antenna] = field(default_factory=dict)
+
+    def sector(self, row: Row) -> dict[str, Any]:
+        """Arguments of `Deployment` for this sector, its place and its name."""
+        row.check_width()
+        self.lines.append(row.line)
+        site_id, sector_id = (_needed_text(row, name) for name in ("site_id", "sector_id"))
+        name = f"{site_id}/{sector_id}"
+        if name in self.names:
+            raise row.error(f"site_id {site_id!r} with sector_id {sector_id!r} is there already, in line {self.names[name]}")
+        self.names[name] = row.line
+        place = {"x_m": (-np.inf, np.inf), "y_m": (-np.inf, np.inf)}
+        if self.in_degrees:
+            place = {"latitude": LATITUDE_DEG, "longitude": LONGITUDE_DEG}
+        load = row.number(Column("load", 0.0, 1.0))
+        return {
+            **{column: row.needed(Column(column, *limits, "m" if column.endswith("_m") else "deg")) for column, limits in place.items()},
+            "height_m": row.needed(Column("height_m", 1.5, 300.0, "m")),
+            "boresight_deg": (90.0 - row.needed(Column("azimuth_deg", 0.0, 360.0, "deg"))) % 360.0,
+            "power_dbm": row.needed(Column("power_dbm", -50.0, 100.0, "dBm")),
+            "carrier_hz": 1e6 * row.needed(Column("carrier_mhz", 500.0, 100_000.0, "MHz")),
+            "bandwidth_hz": 1e6 * row.needed(Column("bandwidth_mhz", 1.4, 20.0, "MHz")),
+            "load": 1.0 if isnan(load) else load,
+            "site": self.sites.setdefault(site_id, len(self.sites)),
+            "antenna": self._antenna(row),
+            "name": name,
+        }
+
+    def _antenna(self, row: Row) -> Antenna:
+        text = _needed_text(row, "antenna")
+        electrical_deg = row.number(Column("electrical_tilt_deg", -90.0, 90.0, "deg"))
+        mechanical_deg = row.number(Column("mechanical_tilt_deg", -90.0, 90.0, "deg"))
+        key = (text, repr(electrical_deg), repr(mechanical_deg))
+        if key not in self.antennas:
+            mechanical_deg = 0.0 if isnan(mechanical_deg) else mechanical_deg
+            column = COLUMN_ANTENNA.fullmatch(text)
+            if column is None:
+                path = self.folder / text
+                if not path.is_file():
+                    raise row.error(
+                        f"antenna is {text!r}; expected column(ELEMENTS,SPACING,FLOOR_DB) or an antenna file, and there is no {path}"
+                    )
+                self.antennas[key] = read_antenna(path).antenna(None if isnan(electrical_deg) else electrical_deg, mechanical_deg)
+            elif isnan(electrical_deg):
+                raise row.error("electrical_tilt_deg is empty; expected the downtilt of the column [deg]")
+            else:
+                floor_db = float(column[3]) if column[3] else DEFAULT_FLOOR_DB
+                self.antennas[key] = ColumnAntenna(int(column[1]), float(column[2]), electrical_deg, mechanical_deg, floor_db)
+        return self.antennas[key]
+
+
+def _in_degrees(table: Table) -> bool:
+    given = [set(pair) & set(table.names) for pair in (DEGREES, METRES)]
+    if bool(given[0]) == bool(given[1]):
+        raise InputError(
+            f"{table.path}, line {table.line}: {'both' if given[0] else 'neither'} latitude, longitude and x_m, y_m among its columns;"
+            " expected one pair"
+        )
+    table.require(DEGREES if given[0] else METRES)
+    return bool(given[0])
+
+
+def _needed_text(row: Row, name: str) -> str:
+    text = row.text(name)
+    if not text:
+        raise row.error(f"{name} is empty; expected a name" if name != "antenna" else "antenna is empty; expected an antenna")
+    return text
+
+
+def _check_together(path: Path, lines: list[int], latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> None:
+    row, distance_km = farthest_from_the_rest(latitude_deg, longitude_deg)
+    if distance_km > FARTHEST_KM:
+        raise InputError(
+            f"{path}, line {lines[row]}: latitude {latitude_deg[row]:g}, longitude {longitude_deg[row]:g} lies {distance_km:,.0f} km from"
+            f" the middle of the sites; expected at most {FARTHEST_KM:g} km: are they exchanged?"
+        )
+
+
+def _antenna_fields(antenna: Antenna, path: Path, files: dict[bytes, str]) -> dict[str, str]:
+    if isinstance(antenna, ColumnAntenna):
+        text = f"column({antenna.n_vertical},{antenna.spacing_wavelengths!r},{antenna.array_factor_floor_db!r})"
+        tilt_deg = antenna.electrical_tilt_deg
+    elif isinstance(antenna, PatternAntenna):
+        # Antennas that differ in tilt alone share their cuts, and one file.
+        key = antenna.horizontal_db.tobytes() + antenna.vertical_db.tobytes() + repr(antenna.peak_gain_dbi).encode()
+        text = files.setdefault(key, f"{path.stem}-antenna-{len(files) + 1}.msi")
+        # The tilt within the cuts counts as 0, so that the tilt in the list is what is added to them.
+        header = {"NAME": antenna.name or "antenna", "ELECTRICAL_TILT": "0"}
+        pattern = AntennaFile(header, antenna.peak_gain_dbi, None, 0.0, antenna.horizontal_db, antenna.vertical_db)
+        write_antenna(pattern, path.parent / text)
+        tilt_deg = antenna.electrical_tilt_deg
+    else:
+        raise InputError(f"an antenna of type {type(antenna).__name__} cannot be written to a site list; expected a column or measured cuts")
+    return {
+        "mechanical_tilt_deg": repr(float(antenna.mechanical_tilt_deg)),
+        "electrical_tilt_deg": repr(float(tilt_deg)),
+        "antenna": text,
+    }

@@ -1,0 +1,135 @@
+"""Text files with one header line and separated columns, read so that every complaint names file, line and column."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import nan
+from pathlib import Path
+
+from cellpilot.errors import InputError
+
+MISSING = frozenset({"", "-", "n/a", "na", "nan", "null", "none"})
+"""Texts (in small letters) that stand for no value."""
+
+SENTINELS = frozenset({2147483647.0, -2147483648.0, 9223372036854775807.0})
+"""Numbers that stand for no value: Android's UNAVAILABLE is the greatest 32-bit integer."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A numeric column: its name, and the values that make sense in it."""
+
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+
+
+LATITUDE_DEG, LONGITUDE_DEG = (-90.0, 90.0), (-180.0, 180.0)
+
+
+@dataclass(frozen=True)
+class Table:
+    """The header of an opened file."""
+
+    path: Path
+    line: int  # of the header, counted from 1
+    names: tuple[str, ...]
+
+    def require(self, names: tuple[str, ...], hint: str = "") -> None:
+        """`InputError` naming the first of the columns that the file does not have."""
+        for name in names:
+            if name not in self.names:
+                raise InputError(f"{self.path}, line {self.line}: no column {name!r}; found {self.shown()}{hint}")
+
+    def shown(self) -> str:
+        """Number of columns and the first names, for messages."""
+        first = ", ".join(repr(name) for name in self.names[:6]) + (", ..." if len(self.names) > 6 else "")
+        return f"{len(self.names)} column(s): {first}"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line below the header."""
+
+    table: Table
+    line: int
+    fields: list[str]
+
+    def check_width(self) -> None:
+        """`InputError` unless the line has as many fields as the header."""
+        if len(self.fields) != len(self.table.names):
+            raise self.error(
+                f"{len(self.fields)} field(s); expected {len(self.table.names)} as in the header: remove or complete the line"
+            )
+
+    def text(self, name: str | None) -> str:
+        """The field of that column; empty where the value or the whole column is missing."""
+        if name is None or name not in self.table.names:
+            return ""
+        text = self.fields[self.table.names.index(name)].strip()
+        return "" if text.lower() in MISSING else text
+
+    def number(self, column: Column) -> float:
+        """The number in that column, NaN where it is missing; `InputError` for text and for values out of range."""
+        text = self.text(column.name)
+        if not text:
+            return nan
+        wanted = f"expected a number from {column.low:g} to {column.high:g} {column.unit}".rstrip()
+        try:
+            # Python would read 1_0 as ten.
+            value = float(text.replace("_", "?"))
+        except ValueError:
+            raise self.error(f"{column.name} is {text!r}; {wanted}, or nothing: correct or remove the line") from None
+        if value in SENTINELS:
+            return nan
+        if not column.low <= value <= column.high:
+            raise self.error(f"{column.name} is {text}; {wanted}, or nothing: correct or remove the line")
+        return value
+
+    def needed(self, column: Column) -> float:
+        """`number` of a column that may not be empty."""
+        value = self.number(column)
+        if value != value:
+            unit = f" {column.unit}" if column.unit else ""
+            raise self.error(f"{column.name} is empty; expected a number from {column.low:g} to {column.high:g}{unit}")
+        return value
+
+    def error(self, text: str) -> InputError:
+        """The error that says where and what."""
+        return InputError(f"{self.table.path}, line {self.line}: {text}")
+
+
+def open_table(path: Path, what: str) -> tuple[Table, Iterator[Row]]:
+    """The header of a file, and its further lines that are not blank; `what` is expected in it.
+
+    Columns are separated by comma, tab or semicolon, whichever the header has most of. Lines above the header that start with # are
+    comments. `InputError` for a missing, empty or unreadable file.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}; expected a {what} (.csv)")
+    lines = _lines(path)
+    for line, fields in lines:
+        if not fields[0].lstrip().startswith("#"):
+            table = Table(path, line, tuple(name.strip() for name in fields))
+            return table, (Row(table, number, row) for number, row in lines)
+    raise InputError(f"{path}: the file is empty; expected a {what} with a header line")
+
+
+def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line number and fields of every line that is not blank; a byte-order mark is taken off."""
+    reader = None
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            first = next((text for text in file if text.strip() and not text.startswith("#")), "")
+            delimiter = max(",\t;", key=first.count)
+            file.seek(0)
+            reader = csv.reader(file, delimiter=delimiter)
+            for row in reader:
+                if any(field.strip() for field in row):
+                    yield reader.line_num, row
+    except (UnicodeDecodeError, csv.Error) as error:
+        line = reader.line_num + 1 if reader else 1
+        raise InputError(f"{path}, line {line}: not readable as text ({error}); expected UTF-8 with separated columns") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}): check the file and its permissions") from None

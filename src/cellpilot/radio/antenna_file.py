@@ -1,0 +1,136 @@
+"""Antenna files of the Planet format (.msi, .pln): a header, and 360 attenuations each of a horizontal and a vertical cut.
+
+Horizontal angles run clockwise from boresight, vertical ones downwards from the horizon; attenuations are positive dB below
+the peak. GAIN is in dBd unless the file says dBi.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cellpilot.errors import InputError
+from cellpilot.provenance import write_atomically
+from cellpilot.radio.antenna_pattern import PatternAntenna
+from cellpilot.radio.ranges import FloatArray
+
+DBD_DBI = 2.15
+"""Gain of a half-wave dipole [dBi]."""
+
+CUTS = ("HORIZONTAL", "VERTICAL")
+
+
+@dataclass(frozen=True, eq=False)
+class AntennaFile:
+    """What an antenna file says; `header` holds all its lines above the cuts, by their first word in capitals."""
+
+    header: dict[str, str]
+    gain_dbi: float
+    frequency_hz: float | None
+    electrical_tilt_deg: float
+    """As stated (ELECTRICAL_TILT, or a number after TILT), else the downtilt at which the vertical cut has its peak."""
+    horizontal_db: FloatArray
+    vertical_db: FloatArray
+
+    def antenna(self, electrical_tilt_deg: float | None = None, mechanical_tilt_deg: float = 0.0) -> PatternAntenna:
+        """The antenna as measured, or with its vertical cut shifted from the file's electrical tilt to another one."""
+        shift_deg = 0.0 if electrical_tilt_deg is None else electrical_tilt_deg - self.electrical_tilt_deg
+        name = self.header.get("NAME", "")
+        return PatternAntenna(self.gain_dbi, self.horizontal_db, self.vertical_db, shift_deg, mechanical_tilt_deg, name)
+
+
+def read_antenna(path: str | Path) -> AntennaFile:
+    """The antenna in a .msi or .pln file.
+
+    `InputError` with file and line for a missing GAIN, a unit that is neither dBd nor dBi, a cut that is missing or has other
+    than 360 lines, angles that are not the whole degrees 0 to 359 in order, or attenuations that are negative or no numbers.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); expected an antenna file (.msi or .pln)") from None
+    header: dict[str, str] = {}
+    cuts: dict[str, FloatArray] = {}
+    number = 0
+    while number < len(lines):
+        word, _, rest = lines[number].strip().replace("\t", " ").partition(" ")
+        number += 1
+        if word.upper() in CUTS:
+            cuts[word.upper()] = _read_cut(path, lines, number, word.upper())
+            number += 360
+        elif word:
+            _refuse_stray(path, number, word, cuts)
+            header.setdefault(word.upper(), rest.strip())
+    for cut in CUTS:
+        if cut not in cuts:
+            raise InputError(f"{path}: no line {cut} 360; expected a horizontal and a vertical cut of 360 lines each")
+    horizontal_db, vertical_db = (cuts[cut] for cut in CUTS)
+    bare = PatternAntenna(0.0, horizontal_db, vertical_db)
+    tilt_deg = _stated_tilt(header)
+    return AntennaFile(
+        header,
+        _gain_dbi(path, header),
+        _frequency_hz(header),
+        bare.downtilt_deg if tilt_deg is None else tilt_deg,
+        horizontal_db,
+        vertical_db,
+    )
+
+
+def write_antenna(antenna: AntennaFile, path: str | Path) -> None:
+    """Write the antenna as a Planet file that `read_antenna` reads back equal."""
+    header = {"NAME": "antenna"} | antenna.header | {"GAIN": f"{antenna.gain_dbi!r} dBi"}
+    text = [f"{key} {value}".rstrip() for key, value in header.items()]
+    for name, cut_db in zip(CUTS, (antenna.horizontal_db, antenna.vertical_db), strict=True):
+        text += [f"{name} 360", *(f"{degree} {value!r}" for degree, value in enumerate(cut_db.tolist()))]
+    write_atomically(Path(path), lambda temporary: temporary.write_text("\n".join(text) + "\n", encoding="utf-8"))
+
+
+def _read_cut(path: Path, lines: list[str], start: int, name: str) -> FloatArray:
+    """The 360 attenuations below the line `start` (counted from 1)."""
+    cut_db = np.empty(360)
+    for degree in range(360):
+        number = start + degree
+        fields = lines[number].split() if number < len(lines) else []
+        try:
+            angle_deg, cut_db[degree] = map(float, fields)
+        except ValueError:
+            found = repr(lines[number].strip()) if number < len(lines) else "the end of the file"
+            raise InputError(
+                f"{path}, line {number + 1}: {found} as line {degree + 1} of the cut {name}; expected 360 lines of angle and"
+                f" attenuation [dB], the next being {degree}"
+            ) from None
+        if angle_deg != degree:
+            raise InputError(f"{path}, line {number + 1}: angle {fields[0]} in the cut {name}; expected {degree}")
+        if not 0 <= cut_db[degree] < np.inf:
+            raise InputError(
+                f"{path}, line {number + 1}: attenuation {fields[1]} dB in the cut {name}; expected 0 dB or more below the peak"
+            )
+    return cut_db
+
+
+def _refuse_stray(path: Path, number: int, word: str, cuts: dict[str, FloatArray]) -> None:
+    if cuts and re.fullmatch(r"[-+.\d]+", word):
+        raise InputError(f"{path}, line {number}: more than 360 lines in the cut {list(cuts)[-1]}; expected exactly 360")
+
+
+def _gain_dbi(path: Path, header: dict[str, str]) -> float:
+    text = header.get("GAIN", "")
+    found = re.fullmatch(r"([-+]?\d+(?:\.\d+)?)\s*(dbd|dbi)?", text, re.IGNORECASE)
+    if found is None:
+        raise InputError(f"{path}: GAIN is {text!r}; expected a number in dBd, or with the unit dBd or dBi")
+    return float(found[1]) + (0.0 if (found[2] or "dBd").lower() == "dbi" else DBD_DBI)
+
+
+def _frequency_hz(header: dict[str, str]) -> float | None:
+    found = re.match(r"(\d+(?:\.\d+)?)\s*(GHz)?", header.get("FREQUENCY", ""), re.IGNORECASE)
+    return None if found is None else float(found[1]) * (1e9 if found[2] else 1e6)
+
+
+def _stated_tilt(header: dict[str, str]) -> float | None:
+    for key in ("ELECTRICAL_TILT", "TILT"):
+        if found := re.search(r"[-+]?\d+(?:\.\d+)?", header.get(key, "")):
+            return float(found[0])
+    return None
