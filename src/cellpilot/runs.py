@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cellpilot.errors import InputError
-from cellpilot.evaluate import Evaluation, evaluate
+from cellpilot.evaluate import Evaluation, HandoverRule, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.experiment import check_learner, fingerprint, make_learner, make_map, make_policies, make_task, shipped_policy
 from cellpilot.policies import OptimalPolicy, PolicyParameters, load_parameters
@@ -223,6 +223,7 @@ def evaluate_run(
         start=task.start,
         goal=task.goal,
         max_exhaustive_pairs=settings.max_exhaustive_pairs,
+        rule=HandoverRule(settings.speed_mps, settings.hysteresis_db, settings.time_to_trigger_s),
         progress=progress,
     )
 

@@ -18,6 +18,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class SectorLevels:
+    """What a drone would measure of every sector, `[sector, n_cells]`."""
+
+    rsrp_dbm: NDArray[np.float32]
+    sinr_db: NDArray[np.float32]  # if that sector served
+
+
+@dataclass(frozen=True)
 class World:
     """What is true of every cell of a grid, in the order of `Grid.cell`.
 
@@ -31,16 +39,22 @@ class World:
     noise_std_db: float  # drawn anew at every step
     blocked: NDArray[np.bool_]  # [n_cells]
     serving_sector: IntArray | None = None  # [n_cells] index of the serving sector, -1 where unknown
+    levels: SectorLevels | None = None  # where the map knows every sector
 
     @classmethod
     def from_map(cls, radio_map: "Dataset", noise_std_db: float = 0.0) -> "World":
         """The world of a `RadioMap`; a free cell of unknown SINR (`unknown = "bad"`) counts as below any threshold."""
+        from cellpilot.maps.sectors import sector_levels
+
         grid = Grid(*(tuple(float(v) for v in radio_map[axis].values) for axis in "xyz"))
         blocked = radio_map["blocked"].values.ravel()
         sinr_db = radio_map["sinr_db"].values.ravel().astype(np.float32)
         std_db = np.nan_to_num(radio_map["sinr_std_db"].values.ravel()).astype(np.float32)
         serving = radio_map["serving_sector"].values.ravel().astype(np.int32) if "serving_sector" in radio_map else None
-        return cls(grid, np.where(np.isnan(sinr_db) & ~blocked, -np.inf, sinr_db), std_db, noise_std_db, blocked, serving)
+        known = sector_levels(radio_map)
+        levels = None if known is None else SectorLevels(*(values.astype(np.float32) for values in known))
+        sinr_db = np.where(np.isnan(sinr_db) & ~blocked, -np.inf, sinr_db)
+        return cls(grid, sinr_db, std_db, noise_std_db, blocked, serving, levels)
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.noise_std_db) or self.noise_std_db < 0:

@@ -106,7 +106,9 @@ def test_geotiff_lies_where_the_map_lies(anchored: RadioMap, tmp_path: Path) -> 
         np.testing.assert_array_equal(file.read(1)[0], anchored["sinr_db"].values[0, -1])
 
 
-@pytest.mark.skipif(shutil.which("gdalinfo") is None and not os.environ.get("CI"), reason="gdalinfo (Debian: gdal-bin) is not installed")
+@pytest.mark.skipif(
+    shutil.which("gdalinfo") is None and not os.environ.get("CI"), reason="gdalinfo (Debian: gdal-bin) is not installed"
+)
 def test_gdalinfo_reads_corners_and_values(anchored: RadioMap, tmp_path: Path) -> None:
     save_map(anchored, tmp_path / "map.tif")
     told = subprocess.run(["gdalinfo", "-json", "-stats", "map.tif"], cwd=tmp_path, capture_output=True, text=True, check=True)

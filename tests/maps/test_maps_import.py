@@ -172,7 +172,9 @@ def test_account_survives_the_file_and_reads_well(synthetic: RadioMap, tmp_path:
     account = account_of(loaded)
     assert account == ImportAccount.from_json(account.to_json()) == account_of(synthetic)
     text = account.lines()
-    assert text[0].startswith("synthetic_30m.csv (drive-test export) at 30 m: 1091 lines, 519 SINR samples kept, 389 with RSRP only, 2 notes")
+    assert text[0].startswith(
+        "synthetic_30m.csv (drive-test export) at 30 m: 1091 lines, 519 SINR samples kept, 389 with RSRP only, 2 notes"
+    )
     assert "hover found" in text[2]
     level = account.levels[0]
     assert level.measured + level.filled + level.blocked + level.bad == synthetic["blocked"].values[0].size
@@ -215,7 +217,9 @@ def test_no_log_and_the_same_log_twice() -> None:
 
 def test_a_stray_position_is_refused_not_gridded(write_log: WriteLog) -> None:
     far = write_log(["t,0.01,0.01,,1", "t,0.011,0.01,,2", "t,60.0,120.0,,3"], header=HEADER)
-    with pytest.raises(InputError, match=r"line 4: latitude 60, longitude 120 lies 11,\d* km from the middle of the log.*exchanged"):
+    with pytest.raises(
+        InputError, match=r"line 4: latitude 60, longitude 120 lies 11,\d* km from the middle of the log.*exchanged"
+    ):
         import_logs([far])
     near = write_log(["t,0.01,0.01,,1", "t,0.011,0.01,,2", "t,1.5,0.9,,3"], header=HEADER)
     with pytest.raises(InputError, match="stray positions"):

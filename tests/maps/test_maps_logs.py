@@ -74,7 +74,9 @@ def test_network_survey_keeps_what_is_fresh_certain_and_serving(tmp_path: Path) 
 def test_altitudes_of_gps_need_the_ground(tmp_path: Path) -> None:
     lines = [NETWORK_SURVEY, *(survey_line(f"51.9{i:03d}", altitude=str(57.0 + 7 * i)) for i in range(6))]
     path = write(tmp_path / "log.csv", lines)
-    with pytest.raises(InputError, match=r"log\.csv: its altitudes count from the ellipsoid, the lowest is 57\.0 m; .*--ground-altitude"):
+    with pytest.raises(
+        InputError, match=r"log\.csv: its altitudes count from the ellipsoid, the lowest is 57\.0 m; .*--ground-altitude"
+    ):
         import_logs([path], mask=None)
     dataset = import_logs([path], mask=None, ground_altitude_m=57.0, fill_radius_m=0.0)
     assert dataset["z"].values.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0]  # 0, 7, 14, 21, 28, 35 m
@@ -126,7 +128,12 @@ def test_named_columns(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "unit", "reference", "message"),
     [
-        ("lat=a,lon=b,sinr=c,alt=altitude", None, "take-off", "nothing says whether the altitude in 'altitude' is in metres or feet"),
+        (
+            "lat=a,lon=b,sinr=c,alt=altitude",
+            None,
+            "take-off",
+            "nothing says whether the altitude in 'altitude' is in metres or feet",
+        ),
         ("lat=a,lon=b,sinr=c,alt=format", None, "take-off", "metres or feet"),
         ("lat=a,lon=b,sinr=c,alt=alt_m", None, None, "nothing says what the altitude in 'alt_m' counts from"),
         ("lat=a,lon=b", None, None, "names no column for sinr"),

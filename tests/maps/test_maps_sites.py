@@ -9,7 +9,15 @@ import pytest
 
 from cellpilot.errors import InputError
 from cellpilot.maps import Anchor, AssumedSectors, read_opencellid, read_sites, simulate_map, to_local, write_sites
-from cellpilot.radio import AntennaFile, ColumnAntenna, PatternAntenna, hexagonal_deployment, received_power_dbm, simulate, write_antenna
+from cellpilot.radio import (
+    AntennaFile,
+    ColumnAntenna,
+    PatternAntenna,
+    hexagonal_deployment,
+    received_power_dbm,
+    simulate,
+    write_antenna,
+)
 
 ROW = {
     "site_id": "A", "latitude": "51.9", "longitude": "-8.4", "height_m": "30", "sector_id": "1", "azimuth_deg": "90",
@@ -51,7 +59,11 @@ def test_a_list_in_degrees_comes_back_where_it_was(tmp_path: Path) -> None:
 
 
 def test_every_column_counts(tmp_path: Path) -> None:
-    rows = [ROW, ROW | {"sector_id": "2", "azimuth_deg": "0", "load": "", "mechanical_tilt_deg": ""}, ROW | {"site_id": "B", "longitude": "-8.39"}]
+    rows = [
+        ROW,
+        ROW | {"sector_id": "2", "azimuth_deg": "0", "load": "", "mechanical_tilt_deg": ""},
+        ROW | {"site_id": "B", "longitude": "-8.39"},
+    ]
     found = read_sites(write(tmp_path / "sites.csv", rows))
     deployment = found.deployment
     assert found.names == ("A/1", "A/2", "B/1")
@@ -142,7 +154,9 @@ def test_opencellid(tmp_path: Path) -> None:
     assert found.deployment.x_m[0] == pytest.approx(float(x_m))
     assert found.account[0] == "272.csv: 3 LTE cells of operator 272-5 at 2 sites, 1 cells of radio GSM left out"
     assert found.account[1].startswith("assumed for every site: sectors at 0, 180 deg, 25 m")
-    path.write_text("radio,mcc,net,area,cell,unit,lon,lat,range,samples,changeable,created,updated,averageSignal\n" + "\n".join(lines))
+    path.write_text(
+        "radio,mcc,net,area,cell,unit,lon,lat,range,samples,changeable,created,updated,averageSignal\n" + "\n".join(lines)
+    )
     assert read_opencellid(path, "272-5").deployment.n_sectors == 6
     path.write_text(lines[2])
     with pytest.raises(InputError, match="no LTE cells"):

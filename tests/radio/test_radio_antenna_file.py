@@ -125,7 +125,10 @@ def test_gain_is_never_above_the_peak(azimuth: float, zenith: float, electrical:
         (lambda text: [*text[:364], *text[365:]], "line 365: 'VERTICAL\\t360' as line 360 of the cut HORIZONTAL"),
         (lambda text: [*text, "360 1.0"], "line 727: more than 360 lines in the cut VERTICAL"),
         (lambda text: [*text[:10], "99 1.0", *text[11:]], "line 11: angle 99 in the cut HORIZONTAL; expected 5"),
-        (lambda text: [*text[:10], "5 -1.0", *text[11:]], "line 11: attenuation -1.0 dB in the cut HORIZONTAL; expected 0 dB or more"),
+        (
+            lambda text: [*text[:10], "5 -1.0", *text[11:]],
+            "line 11: attenuation -1.0 dB in the cut HORIZONTAL; expected 0 dB or more",
+        ),
         (lambda text: [*text[:10], "5 low", *text[11:]], "line 11: '5 low' as line 6"),
         (lambda text: text[:365], "no line VERTICAL 360"),
         (lambda text: ["NAME x", *text[4:]], "GAIN is ''; expected a number in dBd"),
@@ -141,7 +144,7 @@ def test_what_is_refused(tmp_path: Path, change, message: str) -> None:  # type:
 
 
 def test_impossible_patterns() -> None:
-    with pytest.raises(InputError, match="no such file|cannot be read"):
+    with pytest.raises(InputError, match=r"no such file|cannot be read"):
         read_antenna("nowhere.msi")
     with pytest.raises(InputError, match=r"horizontal cut has shape \(359,\)"):
         PatternAntenna(1.0, np.zeros(359), np.zeros(360))

@@ -18,8 +18,8 @@ def test_default_is_seven_sites_of_three_sectors() -> None:
     assert (x_m[0], y_m[0]) == (0.0, 0.0)
     np.testing.assert_allclose(np.hypot(x_m[1:], y_m[1:]), 500.0)
     np.testing.assert_allclose(np.degrees(np.arctan2(y_m[1:], x_m[1:])) % 360, np.arange(0, 360, 60), atol=1e-9)
-    np.testing.assert_allclose(deployment.noise_dbm, np.full(21, -95.0))
-    assert deployment.n_subcarriers.tolist() == [600] * 21
+    np.testing.assert_allclose(deployment.interference.noise_dbm, np.full(21, -95.0))
+    assert deployment.interference.n_subcarriers.tolist() == [600] * 21
 
 
 @given(st.integers(0, 5))

@@ -91,7 +91,7 @@ def test_sinr_from_the_powers_by_hand() -> None:
     serving = int(got.serving_sector)
     assert serving == power_mw.argmax()
     interference = sum(loads[i] * power_mw[i] for i in range(21) if i != serving)
-    expected = 10 * np.log10(power_mw[serving] / (interference + 10 ** (deployment.noise_dbm[serving] / 10)))
+    expected = 10 * np.log10(power_mw[serving] / (interference + 10 ** (deployment.interference.noise_dbm[serving] / 10)))
     assert got.sinr_db == pytest.approx(expected, abs=1e-9)
 
 
@@ -174,7 +174,7 @@ def test_separate_carriers_do_not_interfere_and_half_an_overlap_counts_half() ->
     point = (60.0, -35.0, 45.0)
     one = hexagonal_deployment(rings=0, boresights_deg=(0.0, 0.0), power_dbm=[48.0, 47.0], noise_figure_db=0.0)
     power_mw = 10 ** (received_power_dbm(one, *point) / 10)
-    noise_mw = 10 ** (one.noise_dbm[0] / 10)
+    noise_mw = 10 ** (one.interference.noise_dbm[0] / 10)
     for apart_hz, share in ((0.0, 1.0), (4.5e6, 0.5), (9e6, 0.0), (50e6, 0.0)):
         pair = hexagonal_deployment(
             rings=0, boresights_deg=(0.0, 0.0), power_dbm=[48.0, 47.0], noise_figure_db=0.0, carrier_hz=[2e9, 2e9 + apart_hz]
@@ -193,7 +193,7 @@ def test_a_wider_channel_spreads_its_power_and_its_interference() -> None:
     assert got.serving_sector == 0
     assert got.rsrp_dbm == pytest.approx(got.wideband_power_dbm - 10 * np.log10(600))
     power_mw = 10 ** (received_power_dbm(pair, *point) / 10)
-    noise_mw = 10 ** (pair.noise_dbm[0] / 10)
+    noise_mw = 10 ** (pair.interference.noise_dbm[0] / 10)
     assert got.sinr_db == pytest.approx(10 * np.log10(power_mw[0] / (power_mw[1] / 2 + noise_mw)), abs=1e-9)
 
 

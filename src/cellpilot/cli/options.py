@@ -111,7 +111,7 @@ def _message(box: str, prog: str) -> str:
     message = re.sub(r"could not convert string to float: ('.*?')", r"expected a number, found \1", message)
     if no_match := re.search(r"Error parsing (--\S+): no type matching (.*?) could be instantiated from (\[.*?\])\.", message):
         flag, expected, found = no_match.groups()
-        return f"{flag} {found}: expected {re.sub(r'[[]/?bold[]]', '', expected)}"
+        return f"{flag} {found}: expected {expected.replace('[bold]', '').replace('[/bold]', '')}"
     if inconsistent := re.search(r"Value error, (.*?) \[type=value_error", message):
         return inconsistent[1]
     invalid = re.search(

@@ -2,5 +2,6 @@
 
 from cellpilot.evaluate.evaluation import Evaluation, evaluate
 from cellpilot.evaluate.metrics import METRICS
+from cellpilot.evaluate.mobility import HandoverRule
 
-__all__ = ["METRICS", "Evaluation", "evaluate"]
+__all__ = ["METRICS", "Evaluation", "HandoverRule", "evaluate"]

@@ -1,7 +1,7 @@
 """Evaluate policies on one world and task: exhaustively where that is possible, and on sampled flights."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from cellpilot.evaluate.exact import DRAWN_FLIGHTS, exact_summary
 from cellpilot.evaluate.flights import SINR_LEVELS_DB, FlightRecords, Visits, fly
 from cellpilot.evaluate.instances import Instances, count_pairs, sample_pairs
 from cellpilot.evaluate.metrics import METRICS
+from cellpilot.evaluate.mobility import HandoverRule, Mobility
 from cellpilot.evaluate.statistics import mean_interval, ratio_interval, share_interval
 from cellpilot.evaluate.summary import Summary, summarise
 from cellpilot.grid import IntArray, Position
@@ -19,6 +20,7 @@ from cellpilot.world import World
 
 MAX_EXHAUSTIVE_PAIRS = 5_000_000
 GOALS_AT_ONCE = 40
+A3 = HandoverRule()
 FLAT = 1e-6
 """Below this difference of return between optimum and baseline there is nothing to score."""
 
@@ -48,10 +50,12 @@ def evaluate(
     start: Position | None = None,
     goal: Position | None = None,
     max_exhaustive_pairs: int = MAX_EXHAUSTIVE_PAIRS,
+    rule: HandoverRule = A3,
     progress: Progress = lambda share: None,
 ) -> Evaluation:
     """Fly every policy on the same instances, each with a stream of draws of the same seed.
 
+    Handovers and outages in seconds come from the sampled flights, in the exact figures too; they follow `rule`.
     Score and regret need policies named `greedy` and `optimal` among them. `progress` is told the share done (0..1).
     """
     n_pairs, unreachable = count_pairs(world, start, goal)
@@ -60,12 +64,13 @@ def evaluate(
     exact, sampled, flights, histograms = {}, {}, {}, {}
     for i, policy in enumerate(policies):
         done = lambda share, i=i: progress((i + share) / len(policies))
-        records, visits = sampled_flights(np.random.default_rng([seed, 1]), world, task, policy, instances)
+        records, visits = sampled_flights(np.random.default_rng([seed, 1]), world, task, policy, instances, rule)
         flights[policy.name], histograms[policy.name] = records, visits.sinr_histogram
         sampled[policy.name] = _metrics(summarise(records, visits, world, task, expected=False)) | _intervals(records)
         if exhaustive:
             rng = np.random.default_rng([seed, 2])
-            exact[policy.name] = _metrics(exhaustive_summary(rng, world, task, policy, start, goal, done)) | NO_INTERVALS
+            summary = exhaustive_summary(rng, world, task, policy, start, goal, done)
+            exact[policy.name] = _metrics(replace(summary, mobility=visits.mobility)) | NO_INTERVALS
         done(1.0)
     for table in (exact, sampled):
         add_score(table)
@@ -95,24 +100,24 @@ def exhaustive_summary(
 
 
 def sampled_flights(
-    rng: np.random.Generator, world: World, task: Task, policy: Policy, instances: Instances
+    rng: np.random.Generator, world: World, task: Task, policy: Policy, instances: Instances, rule: HandoverRule | None = None
 ) -> tuple[FlightRecords, Visits]:
     """One drawn flight per instance, in the order of the instances."""
     goals, column = np.unique(instances.goal, return_inverse=True)
     order = np.argsort(column, kind="stable")
     parts: list[FlightRecords] = []
-    by_cell, histogram = np.zeros(world.grid.n_cells), np.zeros(len(SINR_LEVELS_DB) + 1)
+    total = Visits(np.zeros(world.grid.n_cells), np.zeros(len(SINR_LEVELS_DB) + 1), Mobility())
     for i in range(0, len(goals), GOALS_AT_ONCE):
         block: IntArray = goals[i : i + GOALS_AT_ONCE]
         rows = order[(column[order] >= i) & (column[order] < i + GOALS_AT_ONCE)]
         probabilities = policy.action_probabilities(block)
-        records, visits = fly(rng, world, task, probabilities, block, instances.start[rows], column[rows] - i)
+        records, visits = fly(rng, world, task, probabilities, block, instances.start[rows], column[rows] - i, rule)
         parts.append(records)
-        by_cell, histogram = by_cell + visits.by_cell, histogram + visits.sinr_histogram
+        total = total + visits
     back = np.argsort(order, kind="stable")
     joined = FlightRecords.concatenate(parts)
     in_order = FlightRecords(*(getattr(joined, name)[back] for name in joined.__dataclass_fields__))
-    return in_order, Visits(by_cell, histogram)
+    return in_order, total
 
 
 NO_INTERVALS: dict[str, Any] = {"return_ci95": None, "reached_ci95": None, "low_sinr_ci95": None, "path_ratio_mean_ci95": None}

@@ -1,10 +1,13 @@
 """Many flights in lock-step, in NumPy: one draw of noise and actions each, and the expectation beside it."""
 
 from dataclasses import dataclass, fields
+from functools import reduce
+from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.evaluate.mobility import HandoverRule, Mobility, Ride
 from cellpilot.grid import IntArray
 from cellpilot.task import Task, Transition
 from cellpilot.world import World
@@ -38,6 +41,10 @@ class Visits:
 
     by_cell: NDArray[np.float64]  # [n_cells] steps that entered (or stayed in) the cell
     sinr_histogram: NDArray[np.float64]  # [levels + 1] measured SINR between the levels of `SINR_LEVELS_DB`
+    mobility: Mobility  # of no flight, if there was no handover rule
+
+    def __add__(self, other: "Visits") -> "Visits":
+        return Visits(self.by_cell + other.by_cell, self.sinr_histogram + other.sinr_histogram, self.mobility + other.mobility)
 
 
 SINR_LEVELS_DB = np.arange(-30.0, 40.05, 0.1).round(1)
@@ -52,17 +59,21 @@ def fly(
     goals: IntArray,
     start: IntArray,
     goal_column: IntArray,
+    rule: HandoverRule | None = None,
 ) -> tuple[FlightRecords, Visits]:
-    """Fly from each `start` to `goals[goal_column]` under `probabilities [n_cells, goals, actions]`."""
+    """Fly from each `start` to `goals[goal_column]` under `probabilities [n_cells, goals, actions]`.
+
+    With a `rule` the handovers and the time of outages are followed as well.
+    """
     if world.sinr_std_db.any():
         rows = max(1, FLIGHTS_WITH_OWN_MAP // world.grid.n_cells)
         parts = [
-            _fly(rng, world, task, probabilities, goals, start[i : i + rows], goal_column[i : i + rows])
+            _fly(rng, world, task, probabilities, goals, start[i : i + rows], goal_column[i : i + rows], rule)
             for i in range(0, len(start), rows)
         ]
-        visits = Visits(sum(v.by_cell for _, v in parts), sum(v.sinr_histogram for _, v in parts))  # type: ignore[arg-type]
+        visits = reduce(add, [visits for _, visits in parts])
         return FlightRecords.concatenate([records for records, _ in parts]), visits
-    return _fly(rng, world, task, probabilities, goals, start, goal_column)
+    return _fly(rng, world, task, probabilities, goals, start, goal_column, rule)
 
 
 def _fly(
@@ -73,8 +84,10 @@ def _fly(
     goals: IntArray,
     start: IntArray,
     goal_column: IntArray,
+    rule: HandoverRule | None,
 ) -> tuple[FlightRecords, Visits]:
     n = len(start)
+    ride = None if rule is None else Ride(world, rule, start)
     low_probability = np.nan_to_num(world.low_probability(task.threshold_db))
     own_map = rng.standard_normal((n, world.grid.n_cells), np.float32) * world.sinr_std_db if world.sinr_std_db.any() else None
     certain = bool((probabilities.max(-1) == 1).all())
@@ -106,12 +119,14 @@ def _fly(
         records.expected_low_steps[flight] += low_probability[next_cell]
         outage[flight] = np.where(low, outage[flight] + 1, 0)
         records.longest_outage_steps[flight] = np.maximum(records.longest_outage_steps[flight], outage[flight])
+        if ride is not None:
+            ride.step(flight, cell, next_cell, low)
         records.reached[flight[terminated]] = True
         by_cell += np.bincount(next_cell, minlength=by_cell.size)
         histogram += np.bincount(np.searchsorted(SINR_LEVELS_DB, sinr_db, side="right"), minlength=histogram.size)
         going = ~terminated
         flight, cell, column = flight[going], next_cell[going], column[going]
-    return records, Visits(by_cell, histogram)
+    return records, Visits(by_cell, histogram, Mobility() if ride is None else ride.mobility)
 
 
 def _empty_records(n: int) -> FlightRecords:

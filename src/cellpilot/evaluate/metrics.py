@@ -77,6 +77,29 @@ def rf_class_share(summary: Summary) -> dict[str, float]:
     return {name: below(high) - below(low) for name, (low, high) in RF_CLASSES_DB.items()}
 
 
+def longest_outage_p90_s(summary: Summary) -> float | None:
+    """90th percentile over drawn flights of the longest time below the threshold [s], at the planned speed."""
+    return summary.mobility.longest_outage_p90_s
+
+
+def handovers_per_km(summary: Summary) -> float | None:
+    """Handovers after the A3 rule per kilometre flown; None where the map does not know every sector."""
+    mobility = summary.mobility
+    return 1000.0 * mobility.handovers / mobility.followed_m if mobility.followed_m else None
+
+
+def ping_pong_share(summary: Summary) -> float | None:
+    """Share of handovers that lead back to the sector left less than a second before; None without handovers."""
+    mobility = summary.mobility
+    return mobility.ping_pongs / mobility.handovers if mobility.handovers else None
+
+
+def serving_loss_mean_db(summary: Summary) -> float | None:
+    """Mean over steps of the best sector's SINR minus the serving sector's [dB], in the cell that is entered."""
+    mobility = summary.mobility
+    return mobility.lost_db / mobility.followed_steps if mobility.followed_steps else None
+
+
 @dataclass(frozen=True)
 class Metric:
     """A figure of merit: what it is called in tables, and its unit or kind of number."""
@@ -95,6 +118,10 @@ METRICS: dict[str, Metric] = {
     "path_ratio_p90_failures_infinite": Metric(_path_ratio_quantile(0.9, failures=True), "p90, failures infinite", "number"),
     "return_mean": Metric(return_mean, "return", "number"),
     "longest_outage_p90_steps": Metric(longest_outage_p90_steps, "longest outage p90 (steps)", "steps"),
+    "longest_outage_p90_s": Metric(longest_outage_p90_s, "longest outage p90 (s)", "number"),
+    "handovers_per_km": Metric(handovers_per_km, "handovers per km", "number"),
+    "ping_pong_share": Metric(ping_pong_share, "ping-pong", "percent"),
+    "serving_loss_mean_db": Metric(serving_loss_mean_db, "below best sector (dB)", "number"),
     "altitude_share": Metric(altitude_share, "share of steps by height", "list"),
     "rf_class_share": Metric(rf_class_share, "RF class shares", "list"),
 }

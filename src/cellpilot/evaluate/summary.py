@@ -1,12 +1,13 @@
 """`Summary`: the sums from which every metric of a policy is computed, exact, drawn or by recursion alike."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from cellpilot.evaluate.flights import SINR_LEVELS_DB, FlightRecords, Visits
+from cellpilot.evaluate.mobility import Mobility
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -23,6 +24,7 @@ class Summary:
     steps_by_height: NDArray[np.float64]  # [heights]
     sinr_histogram: NDArray[np.float64]  # [levels + 1]
     outages: NDArray[np.float64]  # [steps] flights by their longest outage
+    mobility: Mobility = field(default_factory=Mobility)  # of drawn flights; of none where they were not followed
 
     def __add__(self, other: "Summary") -> "Summary":
         return Summary(*(getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__))
@@ -47,6 +49,7 @@ def summarise(records: FlightRecords, visits: Visits, world: World, task: Task, 
         steps_by_height=steps_by_height(visits.by_cell, world),
         sinr_histogram=expected_sinr_histogram(visits.by_cell, world) if expected else visits.sinr_histogram,
         outages=np.bincount(records.longest_outage_steps, minlength=task.max_steps + 1).astype(float),
+        mobility=visits.mobility,
     )
 
 

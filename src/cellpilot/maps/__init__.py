@@ -9,8 +9,8 @@ if TYPE_CHECKING:
     from cellpilot.maps.files import load_map, save_map
     from cellpilot.maps.geodesy import Anchor, to_degrees, to_local
     from cellpilot.maps.gridding import Bins, grid_samples
-    from cellpilot.maps.schema import RadioMap, anchor_of, grid_of, make_map, validate
     from cellpilot.maps.samples import Samples
+    from cellpilot.maps.schema import RadioMap, anchor_of, grid_of, make_map, validate
     from cellpilot.maps.sources.logs import LogOptions, read_log
     from cellpilot.maps.sources.measured_log import import_logs
     from cellpilot.maps.sources.opencellid import AssumedSectors, read_opencellid

@@ -59,8 +59,7 @@ class ImportAccount:
         """The account as lines of text."""
         text = [
             f"{log.file} ({log.kind}) at {log.heights()}: {log.rows} lines, {log.kept} SINR samples kept,"
-            f" {log.rsrp_rows} with RSRP only"
-            + "".join(f", {count} {reason}" for reason, count in sorted(log.dropped.items()))
+            f" {log.rsrp_rows} with RSRP only" + "".join(f", {count} {reason}" for reason, count in sorted(log.dropped.items()))
             for log in self.logs
         ]
         if self.mask is None:

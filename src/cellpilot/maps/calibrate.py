@@ -37,16 +37,18 @@ class Calibration(NamedTuple):
 def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
     """The simulated map with SINR' = mean + factor x (SINR - mean) + offset, so that mean and spread are those measured.
 
-    Measured cells are looked up in the simulation by linear interpolation; those outside it do not count. Both need an anchor, or
-    both none. `sinr_std_db` of the result is the root mean square error that is left: what the simulation does not know. Offset and
-    factor are kept in the attributes. `InputError` for fewer than 3 cells in common or a simulation without any spread.
+    Measured cells are looked up in the simulation by linear interpolation; those outside it do not count. Both need an
+    anchor, or both none. `sinr_std_db` of the result is the root mean square error that is left: what the simulation does
+    not know. Offset and factor are kept in the attributes. `InputError` for fewer than 3 cells in common or a simulation
+    without any spread.
     """
     known, _ = measured_cells(measured)
     predicted_db = _look_up(simulated, _local_to(simulated, measured, known.points_m))
     inside = np.isfinite(predicted_db)
     if inside.sum() < 3:
         raise InputError(
-            f"{inside.sum()} measured cells lie within the simulated map; expected at least 3: simulate the area and heights of the log"
+            f"{inside.sum()} measured cells lie within the simulated map; expected at least 3:"
+            " simulate the area and heights of the log"
         )
     predicted_db, truth_db = predicted_db[inside], known.mean_db[inside]
     if predicted_db.std() == 0:

@@ -10,8 +10,11 @@ FloatArray = NDArray[np.float64]
 TextArray = NDArray[np.str_]
 
 STATED, TAKE_OFF, ELLIPSOID, SEA_LEVEL = "stated", "take-off", "ellipsoid", "sea level"
-"""What an altitude counts from. Stated: one height above take-off for the whole log, from the file's name or the person who imports
-it. Else the log's own: above the place where the flight began, above the WGS84 ellipsoid (as GPS gives it), or above the sea."""
+"""What an altitude counts from.
+
+Stated: one height above take-off for the whole log, from the file's name or the person who imports it. Else the log's own:
+above the place where the flight began, above the WGS84 ellipsoid (as GPS gives it), or above the sea.
+"""
 
 
 @dataclass(frozen=True, eq=False)

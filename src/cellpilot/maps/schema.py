@@ -11,7 +11,8 @@
 | `blocked` | z, y, x | bool | the drone may not enter |
 | `serving_sector` | z, y, x | int32 | optional: index of the strongest sector, -1 where unknown |
 | `rsrp_dbm` | sector, z, y, x | float32 | optional: received power of each sector |
-| `sector_name`, `sector_x_m`, `sector_y_m`, `sector_height_m`, `sector_boresight_deg`, `sector_power_dbm`, `sector_carrier_hz`, `sector_bandwidth_hz`, `sector_load` | sector | | optional: the sites |
+| `sector_name`, `sector_x_m`, `sector_y_m`, `sector_height_m`, `sector_boresight_deg` | sector | | optional: the sites |
+| `sector_power_dbm`, `sector_carrier_hz`, `sector_bandwidth_hz`, `sector_load` | sector | | optional: what they send |
 
 Attributes: see `make_map`. A leading dimension `condition` (load, hour) is reserved for a later version.
 """

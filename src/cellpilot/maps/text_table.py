@@ -103,8 +103,8 @@ class Row:
 def open_table(path: Path, what: str) -> tuple[Table, Iterator[Row]]:
     """The header of a file, and its further lines that are not blank; `what` is expected in it.
 
-    Columns are separated by comma, tab or semicolon, whichever the header has most of. Lines above the header that start with # are
-    comments. `InputError` for a missing, empty or unreadable file.
+    Columns are separated by comma, tab or semicolon, whichever the header has most of. Lines above the header that start
+    with # are comments. `InputError` for a missing, empty or unreadable file.
     """
     if not path.is_file():
         raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}; expected a {what} (.csv)")

@@ -13,16 +13,22 @@ def described(radio_map: RadioMap, threshold_db: float) -> Iterator[str]:
     """Lines about the grid, where the numbers come from, and each height: share below the threshold, holes, uncertainty."""
     sides = " x ".join(str(radio_map.sizes[axis]) for axis in "xyz")
     steps = [float(np.diff(radio_map[axis].values[:2])[0]) for axis in "xy" if radio_map.sizes[axis] > 1]
-    yield f"{sides} cells of {' x '.join(f'{step:g}' for step in steps)} m, source {radio_map.attrs['source']}, {radio_map.attrs.get('model') or 'no model'}"
+    origin = f"source {radio_map.attrs['source']}, {radio_map.attrs.get('model') or 'no model'}"
+    yield f"{sides} cells of {' x '.join(f'{step:g}' for step in steps)} m, {origin}"
     anchor = anchor_of(radio_map)
-    place = "lies nowhere on Earth (no anchor)" if anchor is None else f"x = y = 0 at {anchor.latitude_deg:.6f}, {anchor.longitude_deg:.6f}"
+    place = (
+        "lies nowhere on Earth (no anchor)"
+        if anchor is None
+        else f"x = y = 0 at {anchor.latitude_deg:.6f}, {anchor.longitude_deg:.6f}"
+    )
     made = radio_map.attrs.get("created")
     age = "" if made is None else f", made {made} ({(datetime.now() - datetime.fromisoformat(str(made))).days} days ago)"
     yield f"{place}{age}"
     if "sector" in radio_map.dims:
         sectors = radio_map.sizes["sector"]
-        carriers = np.unique(radio_map["sector_carrier_hz"].values / 1e6) if "sector_carrier_hz" in radio_map.coords else []
-        yield f"{sectors} sectors" + (f" on {', '.join(f'{c:g}' for c in carriers)} MHz" if len(carriers) else "")
+        stated = "sector_carrier_hz" in radio_map.coords
+        carriers_mhz = np.unique(radio_map["sector_carrier_hz"].values / 1e6).tolist() if stated else []
+        yield f"{sectors} sectors" + (f" on {', '.join(f'{mhz:g}' for mhz in carriers_mhz)} MHz" if carriers_mhz else "")
     for iz, z_m in enumerate(radio_map["z"].values):
         yield f"{z_m:g} m: {_level(radio_map, iz, threshold_db)}"
     if ATTRIBUTE in radio_map.attrs:
@@ -38,7 +44,8 @@ def _level(radio_map: RadioMap, iz: int, threshold_db: float) -> str:
         return f"{text}, nothing known"
     sinr_db = values["sinr_db"][known]
     low, middle, high = np.percentile(sinr_db, [10, 50, 90])
-    text += f", {(sinr_db < threshold_db).mean():.1%} below {threshold_db:g} dB, median {middle:.1f} dB (10 to 90 %: {low:.1f} to {high:.1f} dB)"
+    text += f", {(sinr_db < threshold_db).mean():.1%} below {threshold_db:g} dB"
+    text += f", median {middle:.1f} dB (10 to 90 %: {low:.1f} to {high:.1f} dB)"
     if values["filled"].any():
         text += f", {(values['filled'] & free).sum() / known.sum():.0%} of the known ones filled"
     if (free & ~known).any():

@@ -3,7 +3,8 @@
 from cellpilot.radio.antenna import Antenna, ColumnAntenna, element_gain_dbi
 from cellpilot.radio.antenna_file import AntennaFile, read_antenna, write_antenna
 from cellpilot.radio.antenna_pattern import PatternAntenna
-from cellpilot.radio.deployment import RESOURCE_BLOCKS, Deployment, hexagonal_deployment
+from cellpilot.radio.deployment import Deployment, hexagonal_deployment
+from cellpilot.radio.interference import RESOURCE_BLOCKS, Interference
 from cellpilot.radio.propagation import ENVIRONMENTS, EnvironmentName, los_probability, path_loss_db, shadow_std_db
 from cellpilot.radio.simulation import LosMode, Reception, received_power_dbm, simulate
 
@@ -15,6 +16,7 @@ __all__ = [
     "ColumnAntenna",
     "Deployment",
     "EnvironmentName",
+    "Interference",
     "LosMode",
     "PatternAntenna",
     "Reception",

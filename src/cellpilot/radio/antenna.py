@@ -91,7 +91,9 @@ class ColumnAntenna:
         half_phase = np.pi * self.spacing_wavelengths * (cosine - tilt_cosine)
         one = self.n_vertical * fast.squared_sine(half_phase)
         at_lobe = one < 1e-14
-        return np.where(at_lobe, float(self.n_vertical), fast.squared_sine(self.n_vertical * half_phase) / np.where(at_lobe, 1.0, one))
+        return np.where(
+            at_lobe, float(self.n_vertical), fast.squared_sine(self.n_vertical * half_phase) / np.where(at_lobe, 1.0, one)
+        )
 
 
 def to_panel(azimuth_deg: FloatArray, zenith_deg: FloatArray, tilt_deg: float) -> tuple[FloatArray, FloatArray]:

@@ -11,15 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cellpilot.errors import InputError
 from cellpilot.radio.antenna import Antenna, ColumnAntenna
+from cellpilot.radio.interference import Interference, check_bandwidths
 from cellpilot.radio.propagation import check_carrier, check_heights
 from cellpilot.radio.ranges import FloatArray, as_floats, check_range
-from cellpilot.units import THERMAL_NOISE_DBM_HZ
-
-RESOURCE_BLOCKS = {1.4e6: 6, 3e6: 15, 5e6: 25, 10e6: 50, 15e6: 75, 20e6: 100}
-"""Resource blocks of each LTE channel bandwidth [Hz]: 3GPP TS 36.104 Table 5.6-1."""
-
-SUBCARRIERS_PER_BLOCK = 12
-SUBCARRIER_SPACING_HZ = 15e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +62,7 @@ class Deployment:
             "load": check_range(self.load, "load", 0.0, 1.0, ""),
             "site": _site_numbers(self.site),
             "carrier_hz": check_carrier(self.carrier_hz),
-            "bandwidth_hz": _bandwidths(self.bandwidth_hz),
+            "bandwidth_hz": check_bandwidths(self.bandwidth_hz),
         }
         for name, values in checked.items():
             object.__setattr__(self, name, _per_sector(values, name, n_sectors))
@@ -81,14 +75,9 @@ class Deployment:
         return len(self.x_m)
 
     @cached_property
-    def n_subcarriers(self) -> NDArray[np.int64]:
-        """Occupied subcarriers `[sector]`: 12 for each resource block (600 at 10 MHz)."""
-        return np.array([SUBCARRIERS_PER_BLOCK * RESOURCE_BLOCKS[hz] for hz in self.bandwidth_hz.tolist()])
-
-    @property
-    def noise_dbm(self) -> FloatArray:
-        """Receiver noise over the bandwidth of each sector [dBm]: thermal noise at 290 K plus noise figure."""
-        return np.asarray(THERMAL_NOISE_DBM_HZ + 10.0 * np.log10(self.bandwidth_hz) + self.noise_figure_db)
+    def interference(self) -> Interference:
+        """Noise, bands and loads of the sectors."""
+        return Interference.of(self.carrier_hz, self.bandwidth_hz, self.load, self.noise_figure_db)
 
     @cached_property
     def masts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -99,7 +88,10 @@ class Deployment:
 
     @cached_property
     def antenna_groups(self) -> tuple[tuple[Antenna, NDArray[np.int64], NDArray[np.int64]], ...]:
-        """Equal antennas put together: (antenna, sectors `[mast, n]`, their masts `[mast]`), all masts of a group with equal n."""
+        """Equal antennas put together: (antenna, sectors `[mast, n]`, their masts `[mast]`).
+
+        All masts of a group have the same number n of sectors with that antenna.
+        """
         _, mast = self.masts
         by_mast: dict[tuple[Antenna, int], list[int]] = {}
         for sector, antenna in enumerate(self.antenna):
@@ -108,15 +100,6 @@ class Deployment:
         for (antenna, _), sectors in by_mast.items():
             groups.setdefault((antenna, len(sectors)), []).append(sectors)
         return tuple((antenna, np.array(rows), mast[np.array(rows)[:, 0]]) for (antenna, _), rows in groups.items())
-
-    @cached_property
-    def channels(self) -> tuple[NDArray[np.int64], FloatArray]:
-        """Channel of each sector (equal carrier and bandwidth), and the share of channel j's power that falls into i's band `[i, j]`."""
-        bands, channel = np.unique(np.stack([self.carrier_hz, self.bandwidth_hz], axis=-1), axis=0, return_inverse=True)
-        occupied_hz = np.array([SUBCARRIER_SPACING_HZ * SUBCARRIERS_PER_BLOCK * RESOURCE_BLOCKS[hz] for hz in bands[:, 1].tolist()])
-        low_hz, high_hz = bands[:, 0] - occupied_hz / 2, bands[:, 0] + occupied_hz / 2
-        overlap_hz = np.minimum(high_hz[:, None], high_hz) - np.maximum(low_hz[:, None], low_hz)
-        return channel.reshape(-1), np.clip(overlap_hz, 0.0, None) / occupied_hz
 
 
 def hexagonal_deployment(
@@ -134,8 +117,9 @@ def hexagonal_deployment(
     """Sites on a hexagonal lattice around the origin: 1 + 3 rings (rings + 1) sites; the defaults give 7 sites, 21 sectors.
 
     Order: the centre, then ring by ring, each counter-clockwise from due east (ring 1: 0, 60, ..., 300 degrees);
-    sector = site * len(boresights_deg) + index of the boresight. `power_dbm`, `load`, `carrier_hz`, `bandwidth_hz` and `antenna`
-    are one for all or one for each sector. Errors as `Deployment`; `InputError` for negative rings, no boresight, or a distance not above 0.
+    sector = site * len(boresights_deg) + index of the boresight. `power_dbm`, `load`, `carrier_hz`, `bandwidth_hz` and
+    `antenna` are one for all or one for each sector. Errors as `Deployment`; `InputError` for negative rings, no boresight,
+    or a distance not above 0.
 
     Source: layout of 3GPP TR 36.777 Annex A (hexagonal, three sectors a site).
     """
@@ -187,15 +171,6 @@ def _site_numbers(site: ArrayLike) -> NDArray[np.int64]:
     if not (np.isfinite(numbers) & (numbers >= 0) & (numbers == np.floor(numbers))).all():
         raise InputError(f"site is {site!r}; expected whole numbers, 0 or more")
     return numbers.astype(np.int64)
-
-
-def _bandwidths(bandwidth_hz: ArrayLike) -> FloatArray:
-    checked = as_floats(bandwidth_hz, "bandwidth")
-    wrong = [hz for hz in checked.ravel().tolist() if hz not in RESOURCE_BLOCKS]
-    if wrong:
-        allowed = ", ".join(f"{hz / 1e6:g}" for hz in RESOURCE_BLOCKS)
-        raise InputError(f"bandwidth is {wrong[0] / 1e6:g} MHz; expected one of {allowed} MHz")
-    return checked
 
 
 def _antennas(antenna: Any, n_sectors: int) -> tuple[Antenna, ...]:

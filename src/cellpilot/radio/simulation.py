@@ -38,6 +38,8 @@ class Reception:
     """Power of the serving sector in one subcarrier [dBm]."""
     serving_sector: NDArray[np.int64]
     """Index of the strongest sector."""
+    sector_rsrp_dbm: FloatArray | None = None
+    """Power of every sector in one subcarrier [dBm], `[sector, ...]`, if it was asked for."""
 
 
 def simulate(
@@ -49,10 +51,12 @@ def simulate(
     los: LosMode = "soft",
     shadowing_seed: int | None = None,
     site_correlation: float = SITE_CORRELATION,
+    every_sector: bool = False,
 ) -> Reception:
     """Serving sector, its power and the SINR at points (x, y, z) [m], as a `Reception` in their broadcast shape.
 
     The sector of the strongest RSRP serves; all others interfere with what of their power times load falls into its band.
+    With `every_sector` the RSRP of all sectors is kept as well.
     Points, modes, ranges and errors as `received_power_dbm`.
 
     Source: RSRP as 3GPP TS 36.214 clause 5.1.1, the carrier's power spread evenly over its subcarriers.
@@ -60,16 +64,21 @@ def simulate(
     points = _Points.of(x_m, y_m, z_m)
     sinr_db, power_dbm = np.empty(points.size), np.empty(points.size)
     serving_sector = np.empty(points.size, dtype=np.int64)
+    subcarriers_db = deployment.interference.subcarriers_db
+    sector_rsrp_dbm = np.empty((deployment.n_sectors, points.size)) if every_sector else None
 
     def receive(at: IndexArray, sector_dbm: FloatArray) -> None:
-        serving_sector[at], power_dbm[at], sinr_db[at] = _serve(deployment, sector_dbm)
+        serving_sector[at], power_dbm[at], sinr_db[at] = deployment.interference.serve(sector_dbm)
+        if sector_rsrp_dbm is not None:
+            sector_rsrp_dbm[:, at] = sector_dbm - subcarriers_db[:, None]
 
     _for_each_level(deployment, points, environment, los, shadowing_seed, site_correlation, receive)
     return Reception(
         sinr_db=sinr_db.reshape(points.shape),
         wideband_power_dbm=power_dbm.reshape(points.shape),
-        rsrp_dbm=(power_dbm - 10.0 * np.log10(deployment.n_subcarriers[serving_sector])).reshape(points.shape),
+        rsrp_dbm=(power_dbm - subcarriers_db[serving_sector]).reshape(points.shape),
         serving_sector=serving_sector.reshape(points.shape),
+        sector_rsrp_dbm=None if sector_rsrp_dbm is None else sector_rsrp_dbm.reshape(-1, *points.shape),
     )
 
 
@@ -103,22 +112,6 @@ def received_power_dbm(
 
     _for_each_level(deployment, points, environment, los, shadowing_seed, site_correlation, keep)
     return power_dbm.reshape(deployment.n_sectors, *points.shape)
-
-
-def _serve(deployment: Deployment, sector_dbm: FloatArray) -> tuple[IndexArray, FloatArray, FloatArray]:
-    """Serving sector, its power [dBm] and the SINR [dB] `[point]`, from the power of every sector `[sector, point]`."""
-    per_subcarrier_db = 10.0 * np.log10(deployment.n_subcarriers)[:, None]
-    several = np.ptp(per_subcarrier_db) > 0
-    serving = (sector_dbm - per_subcarrier_db if several else sector_dbm).argmax(axis=0)[None]
-    power_dbm = np.take_along_axis(sector_dbm, serving, axis=0)[0]
-    interference_mw = deployment.load[:, None] * from_db(sector_dbm)
-    # Zeroing the serving sector instead of subtracting it from the total: interferers may lie 75 dB below it.
-    np.put_along_axis(interference_mw, serving, 0.0, axis=0)
-    channel, share = deployment.channels
-    by_channel_mw = np.stack([interference_mw[channel == c].sum(axis=0) for c in range(len(share))])
-    sum_mw = (share[channel[serving[0]]].T * by_channel_mw).sum(axis=0) if len(share) > 1 else by_channel_mw[0]
-    noise_mw = from_db(deployment.noise_dbm)[serving[0]]
-    return serving[0], power_dbm, power_dbm - to_db(sum_mw + noise_mw)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +207,13 @@ class _Sight:
 
     @classmethod
     def of(
-        cls, deployment: Deployment, model: Environment, los: LosMode, shadowing: Shadowing | None, x_m: FloatArray, y_m: FloatArray
+        cls,
+        deployment: Deployment,
+        model: Environment,
+        los: LosMode,
+        shadowing: Shadowing | None,
+        x_m: FloatArray,
+        y_m: FloatArray,
     ) -> "_Sight":
         first, _ = deployment.masts
         east_m, north_m = x_m - deployment.x_m[first, None], y_m - deployment.y_m[first, None]
@@ -227,7 +226,7 @@ class _Sight:
         """Power `[sector, point]` [dBm] at points of one height above the numbered places."""
         whole = place.size == self.distance_2d_m.shape[1] and bool((place == np.arange(place.size)).all())
         at = (lambda values: values) if whole else (lambda values: values[:, place])
-        deployment, (first, mast) = self.deployment, self.deployment.masts
+        deployment, (first, _) = self.deployment, self.deployment.masts
         distance_2d_m, azimuth_deg, base_height_m = at(self.distance_2d_m), at(self.azimuth_deg), deployment.height_m[first, None]
         loss_db = self._loss_db(height_m, distance_2d_m, {kind: at(field) for kind, field in self.fields.items()})
         zenith_deg = np.degrees(np.arctan2(distance_2d_m, height_m - base_height_m))

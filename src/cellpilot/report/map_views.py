@@ -25,7 +25,19 @@ from cellpilot.report.plane import (
     sites_inside,
     special_handles,
 )
-from cellpilot.report.style import BLUE, CHANCE_COLOURS, GREEN, GREY, ORANGE, PURPLE, SINR_COLOURS, VERMILION, drawing_settings, legend_below, single_axes
+from cellpilot.report.style import (
+    BLUE,
+    CHANCE_COLOURS,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SINR_COLOURS,
+    VERMILION,
+    drawing_settings,
+    legend_below,
+    single_axes,
+)
 from cellpilot.world import World
 
 FloatArray = NDArray[np.float64]
@@ -92,7 +104,20 @@ def _draw_view(radio_map: RadioMap, view: View) -> Figure:
     return figure
 
 
-SECTOR_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#9A4C86", "#999999", "#004D40", "#A6761D", "#1E1E8F")
+SECTOR_COLOURS = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#D55E00",
+    "#F0E442",
+    "#9A4C86",
+    "#999999",
+    "#004D40",
+    "#A6761D",
+    "#1E1E8F",
+)
 """Colours that neighbouring sectors take turns with; where there are more sectors, they repeat."""
 
 
@@ -130,7 +155,17 @@ def _number_largest(axes, grid, area: NDArray[np.bool_], sector: int) -> None:  
     if n and sizes.max() >= 0.015 * area.size:
         inside = np.argwhere(pieces == 1 + sizes.argmax())
         middle = inside[((inside - inside.mean(axis=0)) ** 2).sum(axis=1).argmin()]
-        axes.text(grid.x_m[middle[1]], grid.y_m[middle[0]], str(sector), ha="center", va="center", fontsize=7, color="black", zorder=4.5, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8})
+        axes.text(
+            grid.x_m[middle[1]],
+            grid.y_m[middle[0]],
+            str(sector),
+            ha="center",
+            va="center",
+            fontsize=7,
+            color="black",
+            zorder=4.5,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
+        )
 
 
 CURVES = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, (0, (5, 1, 1, 1))), (GREY, (0, (1, 1))))
@@ -143,7 +178,13 @@ def _draw_cdf(radio_map: RadioMap, threshold_db: float) -> Figure:
         values = radio_map["sinr_db"].values[iz][~radio_map["blocked"].values[iz]]
         values = np.sort(values[np.isfinite(values)])
         if values.size:
-            axes.plot(values, np.arange(1, values.size + 1) / values.size, color=colour, linestyle=style, label=f"{radio_map['z'].values[iz]:g} m")
+            axes.plot(
+                values,
+                np.arange(1, values.size + 1) / values.size,
+                color=colour,
+                linestyle=style,
+                label=f"{radio_map['z'].values[iz]:g} m",
+            )
     axes.axvline(threshold_db, color="black", linewidth=1.0, linestyle="--")
     axes.text(threshold_db, 1.01, f"{threshold_db:g} dB", ha="center", va="bottom", fontsize=8)
     axes.set(xlabel="mean SINR of a free cell [dB]", ylabel="share of cells below [1]", ylim=(0, 1))

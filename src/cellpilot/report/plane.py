@@ -200,9 +200,26 @@ def draw_scale_and_north(axes: Axes, grid: Grid) -> None:
     left_m, low_m = x_m[0] + 0.05 * width_m, y_m[0] + 0.06 * height_m
     rim = [patheffects.Stroke(linewidth=5, foreground="white"), patheffects.Normal()]
     text_rim = [patheffects.Stroke(linewidth=2.5, foreground="white"), patheffects.Normal()]
-    axes.plot([left_m, left_m + length_m], [low_m, low_m], color="black", linewidth=2.5, zorder=5, path_effects=rim, solid_capstyle="butt")
+    axes.plot(
+        [left_m, left_m + length_m],
+        [low_m, low_m],
+        color="black",
+        linewidth=2.5,
+        zorder=5,
+        path_effects=rim,
+        solid_capstyle="butt",
+    )
     label = f"{length_m / 1000:g} km" if length_m >= 1000 else f"{length_m:g} m"
-    axes.text(left_m + length_m / 2, low_m + 0.025 * height_m, label, ha="center", va="bottom", fontsize=7, zorder=5, path_effects=text_rim)
+    axes.text(
+        left_m + length_m / 2,
+        low_m + 0.025 * height_m,
+        label,
+        ha="center",
+        va="bottom",
+        fontsize=8,
+        zorder=5,
+        path_effects=text_rim,
+    )
     axes.annotate(
         "N",
         xy=(0.94, 0.97),

@@ -30,7 +30,10 @@ def main(arguments: Sequence[str]) -> int:
     found = read_antenna(options.file)
     antenna = found.antenna(options.electrical_tilt_deg, options.mechanical_tilt_deg)
     carrier = "unknown frequency" if found.frequency_hz is None else f"{found.frequency_hz / 1e6:g} MHz"
-    out.print(f"{options.file}: {found.header.get('NAME', 'no name')}, {carrier}, {found.gain_dbi:.2f} dBi, downtilt {antenna.downtilt_deg:g} deg")
+    out.print(
+        f"{options.file}: {found.header.get('NAME', 'no name')}, {carrier}, {found.gain_dbi:.2f} dBi,"
+        f" downtilt {antenna.downtilt_deg:g} deg"
+    )
     path = options.out or Path(options.file.stem + ".png")
     save_figure(draw_antenna(antenna), path)
     out.print(f"picture: {path}")

@@ -31,7 +31,9 @@ def main(arguments: Sequence[str]) -> int:
     for column in ("", "mean error [dB]", "spread ratio", "RMSE [dB]", "correlation"):
         table.add_column(column, justify="right")
     for name, fit in (("before", result.before), ("after", result.after)):
-        table.add_row(name, f"{fit.mean_error_db:+.2f}", f"{fit.spread_ratio:.3f}", f"{fit.rmse_db:.2f}", f"{fit.correlation:.3f}")
+        table.add_row(
+            name, f"{fit.mean_error_db:+.2f}", f"{fit.spread_ratio:.3f}", f"{fit.rmse_db:.2f}", f"{fit.correlation:.3f}"
+        )
     out.print(table)
     out.print(f"offset {result.offset_db:+.2f} dB, spread x {result.spread_factor:.3f}; map: {options.out}")
     return 0

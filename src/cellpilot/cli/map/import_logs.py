@@ -38,7 +38,9 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _print_holdout(options: ImportOptions) -> None:
-    table = Table(title=f"{options.holdout_block_m:g} m blocks hidden at all heights, {options.holdout_bin_m:g} m cells, mean of 10 splits")
+    table = Table(
+        title=f"{options.holdout_block_m:g} m blocks hidden at all heights, {options.holdout_bin_m:g} m cells, mean of 10 splits"
+    )
     for column in ("method", "RMSE [dB]", "MAE [dB]", "within 95 % interval", "answered"):
         table.add_column(column, justify="left" if column == "method" else "right")
     for name, result in holdout_of(options, options.holdout_bin_m, options.holdout_block_m).items():

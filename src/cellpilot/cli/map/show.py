@@ -18,7 +18,9 @@ class ShowOptions(Settings):
 
     file: tyro.conf.Positional[Path] = Field(description="RadioMap file", strict=False)
     out: Path | None = Field(None, description="picture to write (png, pdf or svg); default beside the map", strict=False)
-    what: Literal["sinr", "probability", "serving", "spread", "uncertainty", "count", "cdf"] = Field("sinr", description="what to draw")
+    what: Literal["sinr", "probability", "serving", "spread", "uncertainty", "count", "cdf"] = Field(
+        "sinr", description="what to draw"
+    )
     threshold_db: float = Field(3.0, allow_inf_nan=False, description="SINR threshold [dB]")
     noise_std_db: NonNegative = Field(0.0, description="noise of a measurement, for the probability [dB]")
 

@@ -21,7 +21,9 @@ class SitesOptions(Settings):
     out: Path = Field(Path("sites.csv"), description="site list to write", strict=False)
     opencellid: Path | None = Field(None, description="OpenCelliD export: LTE positions of one operator instead", strict=False)
     operator: str | None = Field(None, description="operator in the OpenCelliD file, MCC-MNC")
-    azimuths_deg: Floats = Field(AssumedSectors.azimuths_deg, description="assumed sector bearings of every OpenCelliD site [deg]")
+    azimuths_deg: Floats = Field(
+        AssumedSectors.azimuths_deg, description="assumed sector bearings of every OpenCelliD site [deg]"
+    )
     height_m: Positive = Field(AssumedSectors.height_m, description="assumed antenna height [m]")
     electrical_tilt_deg: Finite = Field(AssumedSectors.electrical_tilt_deg, description="assumed downtilt [deg]")
     power_dbm: Finite = Field(AssumedSectors.power_dbm, description="assumed power of a sector [dBm]")

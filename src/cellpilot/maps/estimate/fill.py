@@ -22,11 +22,12 @@ def fill(
     unknown: str = "blocked",
     trend_db: ArrayLike | None = None,
 ) -> RadioMap:
-    """A copy in which unknown cells with a measured cell of their height within `radius_m` (horizontally, inclusive) have a value.
+    """A copy in which unknown cells near a measured cell have a value.
 
-    By inverse distance, the value is the mean of those neighbours weighted by distance to the power of -`power`, and its
-    `sinr_std_db` the root mean square error the same rule makes at measured cells, each left out once (all heights together): a lower
-    bound across holes. By Gaussian process, both come from the posterior given all measured cells of all heights, around
+    Near is a measured cell of the same height within `radius_m` (horizontally, inclusive). By inverse distance, the value
+    is the mean of those neighbours weighted by distance to the power of -`power`, and its `sinr_std_db` the root mean
+    square error the same rule makes at measured cells, each left out once (all heights together): a lower bound across
+    holes. By Gaussian process, both come from the posterior given all measured cells of all heights, around
     `trend_db [z, y, x]` if there is one (a simulation of the sites). Earlier filled cells count as unknown to both.
 
     Filled cells have `filled` True, `count` 0 and are free: restrict the airspace after filling, not before. What is
@@ -43,7 +44,7 @@ def fill(
     if method not in methods:
         raise InputError(f"the method is {method!r}; expected one of {', '.join(methods)}")
     result = validate(dataset)
-    known, measured = measured_cells(result, trend_db)
+    known, _ = measured_cells(result, trend_db)
     hole = np.isnan(result["sinr_db"].values)
     points_m = cell_centres_m(result)
     reachable = hole.ravel().copy()

@@ -38,7 +38,10 @@ def block_holdout(
     blocks, number = np.unique(block, axis=0, return_inverse=True)
     n_hidden = round(hidden_share * len(blocks))
     if n_hidden < 1 or len(blocks) < 5:
-        raise InputError(f"the measurements fill {len(blocks)} block(s) of {block_m:g} m; a hold-out check needs at least 5: use smaller blocks")
+        raise InputError(
+            f"the measurements fill {len(blocks)} block(s) of {block_m:g} m; a hold-out check needs at least 5:"
+            " use smaller blocks"
+        )
     rows: dict[str, list[HoldOut]] = {name: [] for name in methods}
     for split in range(splits):
         hidden_blocks = np.random.default_rng([seed, split]).permutation(len(blocks))[:n_hidden]
@@ -53,8 +56,11 @@ def _errors(known: Known, hidden: NDArray[np.bool_], estimate: "tuple[FloatArray
     mean_db, std_db, noise_std_db = estimate
     error_db = mean_db - known.mean_db[hidden]
     told = ~np.isnan(error_db)
-    total_std_db = np.sqrt(std_db**2 + noise_std_db**2 / known.count[hidden])
+    total_std_db = np.sqrt(std_db**2 + noise_std_db**2 / known.n_samples[hidden])
     within = np.abs(error_db[told]) <= INTERVAL_STD * total_std_db[told]
     return HoldOut(
-        float(np.sqrt(np.mean(error_db[told] ** 2))), float(np.abs(error_db[told]).mean()), float(within.mean()), float(told.mean())
+        float(np.sqrt(np.mean(error_db[told] ** 2))),
+        float(np.abs(error_db[told]).mean()),
+        float(within.mean()),
+        float(told.mean()),
     )

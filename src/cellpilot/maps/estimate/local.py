@@ -1,7 +1,7 @@
 """The Gaussian process over many measurements: each neighbourhood of targets is conditioned on the measurements nearest to it.
 
-The exact posterior costs the cube of the number of measured points. Covariance falls with distance, so what lies beyond some hundred
-nearer measurements hardly adds to what they say of a place.
+The exact posterior costs the cube of the number of measured points. Covariance falls with distance, so what lies beyond
+some hundred nearer measurements hardly adds to what they say of a place.
 """
 
 from collections.abc import Iterator
@@ -54,4 +54,3 @@ def _neighbourhoods(points: FloatArray, index: NDArray[np.int64]) -> Iterator[ND
     order = index[np.argsort(points[index, axis], kind="stable")]
     for half in (order[: len(order) // 2], order[len(order) // 2 :]):
         yield from _neighbourhoods(points, half)
-

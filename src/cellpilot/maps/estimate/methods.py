@@ -18,7 +18,7 @@ class Known(NamedTuple):
 
     points_m: FloatArray  # [cells, 3]: x, y, z
     mean_db: FloatArray  # [cells]
-    count: FloatArray  # [cells] samples of each
+    n_samples: FloatArray  # [cells]
     squares_db2: FloatArray  # [cells] sum of squared deviations of the samples from their mean
     prior_db: FloatArray  # [cells] what a trend says there; 0 without one
 
@@ -49,8 +49,8 @@ def height_mean(known: Known, targets_m: FloatArray, prior_db: FloatArray) -> Es
 def inverse_distance(radius_m: float, power: float = 2.0) -> Method:
     """Mean of the measured cells of the same height within a radius, weighted by distance to the power of -`power`.
 
-    Its one uncertainty is the error the rule makes at measured cells, each left out once: their neighbours are nearer than those of a
-    hole, so take it as a lower bound.
+    Its one uncertainty is the error the rule makes at measured cells, each left out once: their neighbours are nearer than
+    those of a hole, so take it as a lower bound.
     """
 
     def method(known: Known, targets_m: FloatArray, prior_db: FloatArray) -> Estimate:
@@ -61,7 +61,9 @@ def inverse_distance(radius_m: float, power: float = 2.0) -> Method:
             places_m, values_db = known.points_m[at, :2], known.mean_db[at]
             mean_db[wanted] = _weighted(targets_m[wanted, :2], places_m, values_db, radius_m, power)
             errors_db.append(_weighted(places_m, places_m, values_db, radius_m, power) - values_db)
-        return Estimate(mean_db, np.where(np.isnan(mean_db), np.nan, _expected_error(np.concatenate(errors_db), known.mean_db)), 0.0)
+        return Estimate(
+            mean_db, np.where(np.isnan(mean_db), np.nan, _expected_error(np.concatenate(errors_db), known.mean_db)), 0.0
+        )
 
     return method
 
@@ -69,9 +71,10 @@ def inverse_distance(radius_m: float, power: float = 2.0) -> Method:
 def gaussian_process(known: Known, targets_m: FloatArray, prior_db: FloatArray) -> Estimate:
     """Posterior of a Gaussian process over all heights, its hyper-parameters estimated from the measured cells.
 
-    Its prior mean is the trend, with offset and factor fitted to the measured cells by least squares, or their mean without a trend.
+    Its prior mean is the trend, with offset and factor fitted to the measured cells by least squares, or their mean without
+    a trend.
     """
-    measurements = Measurements(known.points_m, known.count, known.mean_db, known.squares_db2)
+    measurements = Measurements(known.points_m, known.n_samples, known.mean_db, known.squares_db2)
     centred_db = known.prior_db - known.prior_db.mean()
     square = float(centred_db @ centred_db)
     factor = max(float(centred_db @ known.mean_db) / square, 0.0) if square > 0 else 0.0

@@ -9,6 +9,7 @@ from math import isnan
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import to_degrees
@@ -47,7 +48,9 @@ def write(dataset: RadioMap, path: Path) -> None:
 def read(path: Path) -> RadioMap:
     """The map in a CSV file; cells that no line names are unknown. `InputError` for a cell named twice or off the grid."""
     table, rows = open_table(path, "map with one line a cell")
-    table.require((*PLACES, "sinr_db"), "; expected a map with one line a cell (a measured log is imported: cellpilot map import)")
+    table.require(
+        (*PLACES, "sinr_db"), "; expected a map with one line a cell (a measured log is imported: cellpilot map import)"
+    )
     names = [name for name in VARIABLES if name in table.names]
     limits = {name: Column(name, -1e9, 1e9) for name in (*PLACES, *names)}
     lines, cells = [], []
@@ -64,14 +67,25 @@ def read(path: Path) -> RadioMap:
     unique, first = np.unique(index, return_index=True)
     if len(unique) < len(index):
         again = int(np.setdiff1d(np.arange(len(index)), first)[0])
-        raise InputError(f"{path}, line {lines[again]}: the cell at {values[again, :3].tolist()} is there already; expected one line for each")
+        raise InputError(
+            f"{path}, line {lines[again]}: the cell at {values[again, :3].tolist()} is there already; expected one line for each"
+        )
     shape = len(z_m), len(y_m), len(x_m)
     arrays = {name: _gridded(values[:, 3 + i], index, shape, name) for i, name in enumerate(names)}
-    sinr_db = arrays.pop("sinr_db")
-    optional = {name: arrays.pop(name) for name in ("sinr_spread_db", "serving_sector") if name in arrays}
+    optional: dict[str, ArrayLike] = {name: arrays[name] for name in ("sinr_spread_db", "serving_sector") if name in arrays}
     attributes = _attributes(path)
     dataset = make_map(
-        sinr_db, x_m=x_m, y_m=y_m, z_m=z_m, source="CSV", optional=optional, unknown=attributes.get("unknown", "blocked"), **arrays
+        arrays["sinr_db"],
+        x_m=x_m,
+        y_m=y_m,
+        z_m=z_m,
+        source="CSV",
+        sinr_std_db=arrays.get("sinr_std_db", 0.0),
+        count=arrays.get("count", 0),
+        filled=arrays.get("filled", False),
+        blocked=arrays.get("blocked"),
+        optional=optional,
+        unknown=str(attributes.get("unknown", "blocked")),
     )
     if attributes:
         dataset.attrs = attributes
@@ -79,7 +93,12 @@ def read(path: Path) -> RadioMap:
 
 
 def _gridded(values: np.ndarray, index: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
-    array = np.full(np.prod(shape), {"sinr_db": np.nan, "sinr_std_db": np.nan, "sinr_spread_db": np.nan, "blocked": 1.0, "serving_sector": -1.0}.get(name, 0.0))
+    array = np.full(
+        np.prod(shape),
+        {"sinr_db": np.nan, "sinr_std_db": np.nan, "sinr_spread_db": np.nan, "blocked": 1.0, "serving_sector": -1.0}.get(
+            name, 0.0
+        ),
+    )
     array[index] = values
     return array.reshape(shape)
 
@@ -92,7 +111,9 @@ def _attributes(path: Path) -> dict[str, str | int | float]:
     try:
         return dict(json.loads(first.removeprefix(MARK)))
     except ValueError:
-        raise InputError(f"{path}, line 1: the attributes are no JSON; expected the line as cellpilot wrote it, or none") from None
+        raise InputError(
+            f"{path}, line 1: the attributes are no JSON; expected the line as cellpilot wrote it, or none"
+        ) from None
 
 
 def _text(value: float | int | bool | str) -> str:

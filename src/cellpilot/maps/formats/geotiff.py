@@ -1,8 +1,8 @@
 """GeoTIFF: one variable of a map, one band for each height (extra `geo`).
 
-A map's local metres are degrees times two constants (see `geodesy`), so a map is written in WGS84 degrees (EPSG:4326) without
-resampling, and comes back equal. A raster in any other coordinate system is read onto a local grid of its own pixel size, each cell
-taking the value of the pixel that its centre lies in.
+A map's local metres are degrees times two constants (see `geodesy`), so a map is written in WGS84 degrees (EPSG:4326)
+without resampling, and comes back equal. A raster in any other coordinate system is read onto a local grid of its own pixel
+size, each cell taking the value of the pixel that its centre lies in.
 """
 
 import json
@@ -44,7 +44,9 @@ def write(dataset: RadioMap, path: Path, variable: str = "sinr_db") -> None:
     per_longitude_m, per_latitude_m = metres_per_degree(anchor.latitude_deg)
     step_x_deg, step_y_deg = _step(x_m, y_m) / per_longitude_m, _step(y_m, x_m) / per_latitude_m
     north_deg, west_deg = to_degrees(x_m[0], y_m[-1], anchor)
-    transform = rasterio.Affine(step_x_deg, 0, float(west_deg) - step_x_deg / 2, 0, -step_y_deg, float(north_deg) + step_y_deg / 2)
+    transform = rasterio.Affine(
+        step_x_deg, 0, float(west_deg) - step_x_deg / 2, 0, -step_y_deg, float(north_deg) + step_y_deg / 2
+    )
     profile = {
         "driver": "GTiff",
         "width": len(x_m),
@@ -74,8 +76,8 @@ def write(dataset: RadioMap, path: Path, variable: str = "sinr_db") -> None:
 def read(path: Path, heights_m: tuple[float, ...] | None = None) -> RadioMap:
     """The map in a GeoTIFF of SINR [dB].
 
-    `heights_m` gives the height of each band where the file does not say. `InputError` for a file without a coordinate system, with
-    bands whose heights nobody states, or that is no raster.
+    `heights_m` gives the height of each band where the file does not say. `InputError` for a file without a coordinate
+    system, with bands whose heights nobody states, or that is no raster.
     """
     rasterio = _rasterio()
     try:
@@ -86,7 +88,8 @@ def read(path: Path, heights_m: tuple[float, ...] | None = None) -> RadioMap:
             bands = file.read(masked=True).filled(np.nan).astype(np.float32)
             if file.crs is None:
                 raise InputError(
-                    f"{path}: no coordinate system; expected a georeferenced GeoTIFF: assign one (gdal_edit.py -a_srs EPSG:... FILE)"
+                    f"{path}: no coordinate system; expected a georeferenced GeoTIFF:"
+                    " assign one (gdal_edit.py -a_srs EPSG:... FILE)"
                 )
             heights_m = _heights(path, file, heights_m)
             about = file.tags().get(TAG)
@@ -127,7 +130,12 @@ def _own(path: Path, about: dict[str, Any], bands: NDArray[np.float32], heights_
     if about["variable"] != "sinr_db":
         raise InputError(f"{path}: holds {about['variable']}, not SINR; a map needs sinr_db")
     dataset = make_map(
-        bands[:, ::-1], x_m=about["x"], y_m=about["y"], z_m=heights_m, source="GeoTIFF", unknown=about["attrs"].get("unknown", "blocked")
+        bands[:, ::-1],
+        x_m=about["x"],
+        y_m=about["y"],
+        z_m=heights_m,
+        source="GeoTIFF",
+        unknown=about["attrs"].get("unknown", "blocked"),
     )
     dataset.attrs = about["attrs"]
     return dataset
@@ -152,7 +160,9 @@ def _foreign(file: "DatasetReader", bands: NDArray[np.float32], heights_m: tuple
     inside = (column >= 0) & (column < file.width) & (row >= 0) & (row < file.height)
     column, row = (np.where(inside, index, 0).astype(np.int64) for index in (column, row))
     values = np.where(inside, bands[:, row, column], np.nan)
-    return make_map(values, x_m=x_centres, y_m=y_centres, z_m=heights_m, source="GeoTIFF", anchor=anchor, model=f"raster in {file.crs}")
+    return make_map(
+        values, x_m=x_centres, y_m=y_centres, z_m=heights_m, source="GeoTIFF", anchor=anchor, model=f"raster in {file.crs}"
+    )
 
 
 def _apply(transform: Any, column: Any, row: Any) -> tuple[Any, Any]:

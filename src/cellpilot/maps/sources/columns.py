@@ -17,9 +17,9 @@ UNIT_IN_NAME = re.compile(r"(?:^|[^a-z])(m|meters?|metres?|ft|feet|foot)(?:$|[^a
 def named_columns(text: str, altitude_unit: str | None = None, altitude_reference: str | None = None) -> LogFormat:
     """The format that `lat=COLUMN,lon=COLUMN,sinr=COLUMN,...` describes.
 
-    The unit of the altitude is `altitude_unit` (m or ft), else what the column's name says (`alt_m`, `Height [ft]`). What it counts
-    from is `altitude_reference`. `InputError` for an unknown or repeated name, a missing one of lat, lon and sinr, and for
-    an altitude whose unit or reference nobody states.
+    The unit of the altitude is `altitude_unit` (m or ft), else what the column's name says (`alt_m`, `Height [ft]`). What
+    it counts from is `altitude_reference`. `InputError` for an unknown or repeated name, a missing one of lat, lon and
+    sinr, and for an altitude whose unit or reference nobody states.
     """
     chosen: dict[str, str] = {}
     for part in text.split(","):
@@ -36,7 +36,8 @@ def named_columns(text: str, altitude_unit: str | None = None, altitude_referenc
         altitude = Column(chosen["alt"], -500.0 / factor, 10_000.0 / factor, "m" if factor == 1.0 else "ft")
         if altitude_reference is None:
             raise InputError(
-                f"nothing says what the altitude in {chosen['alt']!r} counts from; give --altitude-reference take-off, ellipsoid or sea-level"
+                f"nothing says what the altitude in {chosen['alt']!r} counts from;"
+                " give --altitude-reference take-off, ellipsoid or sea-level"
             )
     return LogFormat(
         name="named columns",

@@ -1,4 +1,7 @@
-"""Export of a drive-test tool: some 70 sparse columns, SINR and RSRP in separate lines, notes at the end, height in the file's name."""
+"""Export of a drive-test tool.
+
+Some 70 sparse columns, SINR and RSRP in separate lines, notes at the end, height in the file's name.
+"""
 
 import re
 

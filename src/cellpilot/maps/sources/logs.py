@@ -43,12 +43,12 @@ class LogOptions:
 def read_log(path: str | Path, options: LogOptions = LogOptions()) -> tuple[Samples, LogAccount]:
     """The samples of one log with a position and SINR or RSRP, and what became of every line.
 
-    `altitude_m` of the samples [m] is the height given, else the log's own altitude, else that in the file's name (kinds that have
-    it there); `altitude_reference` says what it counts from. Left out and counted: notes, lines without position or with position 0, 0,
-    without SINR and RSRP, without altitude, of neighbour cells, and at positions that are older or less certain than allowed.
-    Sentinels such as 2147483647 stand for no value. `InputError` with file, line and field for a missing or empty file, an
-    unknown header, a broken line, text or an impossible value in a numeric field, a position far from all others, fewer than
-    two SINR samples, or a height that nobody states.
+    `altitude_m` of the samples [m] is the height given, else the log's own altitude, else that in the file's name (kinds
+    that have it there); `altitude_reference` says what it counts from. Left out and counted: notes, lines without position
+    or with position 0, 0, without SINR and RSRP, without altitude, of neighbour cells, and at positions that are older or
+    less certain than allowed. Sentinels such as 2147483647 stand for no value. `InputError` with file, line and field for a
+    missing or empty file, an unknown header, a broken line, text or an impossible value in a numeric field, a position far
+    from all others, fewer than two SINR samples, or a height that nobody states.
     """
     path = Path(path)
     table, rows = open_table(path, "measured log")
@@ -69,8 +69,8 @@ def read_log(path: str | Path, options: LogOptions = LogOptions()) -> tuple[Samp
     with_sinr = sum(isfinite(values[3]) for values in kept)  # type: ignore[arg-type]
     if with_sinr < 2:
         raise InputError(
-            f"{path}: {with_sinr} usable value(s) of {log_format.sinr.name!r} in {n_rows} line(s); expected at least 2 with a position"
-            + "".join(f"; {count} {reason}" for reason, count in sorted(dropped.items()))
+            f"{path}: {with_sinr} usable value(s) of {log_format.sinr.name!r} in {n_rows} line(s);"
+            " expected at least 2 with a position" + "".join(f"; {count} {reason}" for reason, count in sorted(dropped.items()))
         )
     samples = _table(path, log_format, kept, options)
     _check_together(path, lines, samples)

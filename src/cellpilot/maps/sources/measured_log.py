@@ -21,6 +21,8 @@ FloatArray = NDArray[np.float64]
 Trend = Callable[[RadioMap], FloatArray]
 """SINR [dB] that a model predicts in every cell `[z, y, x]` of a map."""
 
+AS_THE_LOG_SAYS = LogOptions()
+
 
 def import_logs(
     paths: Sequence[str | Path],
@@ -34,17 +36,18 @@ def import_logs(
     mask: str | tuple[float, float, float] | None = "auto",
     unknown: str = "blocked",
     anchor: Anchor | None = None,
-    options: LogOptions = LogOptions(),
+    options: LogOptions = AS_THE_LOG_SAYS,
     trend: Trend | None = None,
 ) -> RadioMap:
     """A RadioMap of the logs: the mean SINR of each bin and height, holes filled from neighbours.
 
-    `altitude_m`: one height for all files or one for each; else from the names of the files or their own altitudes; these are
-    put on the nearest multiple of `height_step_m`, less `ground_altitude_m` (see `heights_m`). `options`: see `read_log`. `mask`: "auto" leaves out the disc in which the
-    drone hovered, if it did (see `hover.densest_disc`); (latitude [deg], longitude [deg], radius [m]) leaves out that one;
-    None nothing. The bins that lose their samples are filled like any hole. `anchor`: where x = y = 0 and a bin corner lies;
-    else the centre of the densest disc, masked or not, so that neither the order of the lines nor their spread over files
-    moves a bin. `trend` says what SINR a simulation has in the cells. `fill_radius_m`, `fill_method`, `unknown`: see `fill`.
+    `altitude_m`: one height for all files or one for each; else from the names of the files or their own altitudes; these
+    are put on the nearest multiple of `height_step_m`, less `ground_altitude_m` (see `heights_m`). `options`: see
+    `read_log`. `mask`: "auto" leaves out the disc in which the drone hovered, if it did (see `hover.densest_disc`);
+    (latitude [deg], longitude [deg], radius [m]) leaves out that one; None nothing. The bins that lose their samples are
+    filled like any hole. `anchor`: where x = y = 0 and a bin corner lies; else the centre of the densest disc, masked or
+    not, so that neither the order of the lines nor their spread over files moves a bin. `trend` says what SINR a simulation
+    has in the cells. `fill_radius_m`, `fill_method`, `unknown`: see `fill`.
 
     `sinr_std_db` is the standard error of the bin mean, with one pseudo-sample of the map's pooled variance: a bin of
     one sample gets the pooled spread, and two equal samples are not taken for certainty. Samples of one pass are
@@ -86,7 +89,7 @@ def import_logs(
 
 
 def read_logs(
-    paths: Sequence[Path], altitude_m: float | Sequence[float] | None = None, options: LogOptions = LogOptions()
+    paths: Sequence[Path], altitude_m: float | Sequence[float] | None = None, options: LogOptions = AS_THE_LOG_SAYS
 ) -> tuple[Samples, list[LogAccount]]:
     """All samples of several logs, and the account of each; `InputError` for a log given twice."""
     if not paths:
@@ -119,7 +122,8 @@ def heights_m(samples: Samples, step_m: float, ground_altitude_m: float | None) 
         first = int(np.flatnonzero(~above_ground)[0])
         lowest_m = float(result_m[~above_ground].min())
         raise InputError(
-            f"{samples.source[first]}: its altitudes count from the {samples.altitude_reference[first]}, the lowest is {lowest_m:.1f} m;"
+            f"{samples.source[first]}: its altitudes count from the {samples.altitude_reference[first]},"
+            f" the lowest is {lowest_m:.1f} m;"
             " say where height 0 is: --ground-altitude METRES, or one height for all samples: --altitude METRES"
         )
     result_m[~above_ground] -= ground_altitude_m or 0.0

@@ -1,4 +1,7 @@
-"""CSV logs of the Android program Network Survey, LTE and NR: position of GPS with altitude, accuracy and age; `#` comment lines."""
+"""CSV logs of the Android program Network Survey, LTE and NR.
+
+Position of GPS with altitude, accuracy and age; `#` comment lines.
+"""
 
 from dataclasses import replace
 

@@ -19,11 +19,15 @@ from cellpilot.maps.text_table import LATITUDE_DEG, LONGITUDE_DEG, Column, Row, 
 from cellpilot.radio import ColumnAntenna, Deployment
 
 COLUMNS = (
-    "radio", "mcc", "net", "area", "cell", "unit", "lon", "lat", "range", "samples", "changeable", "created", "updated", "averageSignal",
+    "radio", "mcc", "net", "area", "cell", "unit", "lon", "lat", "range", "samples", "changeable", "created", "updated",
+    "averageSignal",
 )  # fmt: skip
 
 CELLS_PER_ENODEB = 256
-"""An LTE cell identity is the number of the base station (20 bits) and that of its cell (8 bits): 3GPP TS 36.413 clause 9.2.1.38."""
+"""An LTE cell identity is the number of the base station (20 bits) and that of its cell (8 bits).
+
+Source: 3GPP TS 36.413 clause 9.2.1.38.
+"""
 
 
 @dataclass(frozen=True)
@@ -42,8 +46,9 @@ class AssumedSectors:
         """One line that says all of it."""
         bearings = ", ".join(f"{a:g}" for a in self.azimuths_deg)
         return (
-            f"assumed for every site: sectors at {bearings} deg, {self.height_m:g} m, column of 10 elements at {self.electrical_tilt_deg:g} deg"
-            f" downtilt, {self.power_dbm:g} dBm, {self.carrier_hz / 1e6:g} MHz, {self.bandwidth_hz / 1e6:g} MHz wide, load {self.load:g}"
+            f"assumed for every site: sectors at {bearings} deg, {self.height_m:g} m,"
+            f" column of 10 elements at {self.electrical_tilt_deg:g} deg downtilt, {self.power_dbm:g} dBm,"
+            f" {self.carrier_hz / 1e6:g} MHz, {self.bandwidth_hz / 1e6:g} MHz wide, load {self.load:g}"
         )
 
 

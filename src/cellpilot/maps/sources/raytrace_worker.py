@@ -1,7 +1,8 @@
 """The part of ray tracing that runs in a process of its own: `python -m cellpilot.maps.sources.raytrace_worker REQUEST RESULT`.
 
-A wrong LLVM library ends the whole process, and Sionna brings a just-in-time compiler with threads of its own; neither must reach the
-program that asks. REQUEST is a JSON file, RESULT an NPZ file; lines `progress SHARE` on standard output tell how far it is.
+A wrong LLVM library ends the whole process, and Sionna brings a just-in-time compiler with threads of its own; neither must
+reach the program that asks. REQUEST is a JSON file, RESULT an NPZ file; lines `progress SHARE` on standard output tell how
+far it is.
 """
 
 import json
@@ -69,7 +70,10 @@ def main(request_file: str, result_file: str) -> None:
 
 
 def column_weights(elements: int, spacing_wavelengths: float, tilt_deg: float) -> NDArray[np.complex128]:
-    """Weights of the elements of a column, from the top down, for an electrical downtilt: as `ColumnAntenna`, TR 36.873 clause 7.1."""
+    """Weights of the elements of a column, from the top down, for an electrical downtilt.
+
+    Source: as `ColumnAntenna`, TR 36.873 clause 7.1.
+    """
     phase = 2.0 * np.pi * spacing_wavelengths * np.arange(elements) * np.cos(np.radians(90.0 + tilt_deg))
     return np.asarray(np.exp(1j * phase) / np.sqrt(elements))
 

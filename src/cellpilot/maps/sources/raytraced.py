@@ -17,13 +17,19 @@ from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
 from cellpilot.maps.schema import RadioMap, make_map
+from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
 from cellpilot.radio import ColumnAntenna, Deployment
-from cellpilot.units import from_db, to_db
+from cellpilot.units import to_db
 
 FloatArray = NDArray[np.float64]
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
-LLVM_PLACES = ("/usr/lib/*/libLLVM-19.so", "/usr/lib/llvm-19/lib/libLLVM*.so*", "/usr/lib/*/libLLVM.so.19*", "/usr/lib/*/libLLVM-2*.so")
+LLVM_PLACES = (
+    "/usr/lib/*/libLLVM-19.so",
+    "/usr/lib/llvm-19/lib/libLLVM*.so*",
+    "/usr/lib/*/libLLVM.so.19*",
+    "/usr/lib/*/libLLVM-2*.so",
+)
 """Where Debian's libllvm19 and newer ones lie. Versions 15 and 16 end the process, 14 is refused."""
 
 
@@ -61,9 +67,9 @@ def raytrace_map(
 ) -> RadioMap:
     """The RadioMap of a deployment in a scene of Sionna RT ("munich", "etoile", or a Mitsuba XML file), at cell centres [m].
 
-    A cell's SINR follows from its mean path gain over the cell's area. Cells below the roof of a building are blocked; cells no ray
-    reaches are unknown. All sectors need one carrier and one column antenna up to mechanical tilt. `InputError` for anything else,
-    for what is missing, and with the last line of the tracing process should that fail.
+    A cell's SINR follows from its mean path gain over the cell's area. Cells below the roof of a building are blocked;
+    cells no ray reaches are unknown. All sectors need one carrier and one column antenna up to mechanical tilt.
+    `InputError` for anything else, for what is missing, and with the last line of the tracing process should that fail.
 
     Source: path gain as defined for radio maps of Sionna RT (mean of |h|^2 over a cell); antenna TR 38.901 Table 7.3-1.
     """
@@ -98,15 +104,12 @@ def map_of_powers(
     height_m: FloatArray,
 ) -> RadioMap:
     """The map of received powers `[sector, z, y, x]` [dBm, -inf where nothing arrives]; `inside [z, y, x]` is blocked."""
-    power_mw = from_db(power_dbm)
-    serving = power_mw.argmax(axis=0)[None]
-    interference_mw = deployment.load[:, None, None, None] * power_mw
-    np.put_along_axis(interference_mw, serving, 0.0, axis=0)
-    best_mw = np.take_along_axis(power_mw, serving, axis=0)[0]
-    with np.errstate(divide="ignore"):
-        sinr_db = to_db(best_mw / (interference_mw.sum(axis=0) + from_db(deployment.noise_dbm)[serving[0]]))
-    unknown = (best_mw <= 0) | inside
-    names = [f"site {site}" for site in deployment.site] if names is None else names
+    n_sectors, shape = deployment.n_sectors, power_dbm.shape[1:]
+    serving, best_dbm, sinr_db = (
+        values.reshape(shape) for values in deployment.interference.serve(power_dbm.reshape(n_sectors, -1))
+    )
+    unknown = np.isneginf(best_dbm) | inside
+    rsrp_dbm = power_dbm - deployment.interference.subcarriers_db[:, None, None, None]
     return make_map(
         np.where(unknown, np.nan, sinr_db),
         x_m=x_m,
@@ -116,27 +119,20 @@ def map_of_powers(
         sinr_std_db=np.where(unknown, np.nan, 0.0),
         blocked=unknown,
         optional={
-            "serving_sector": np.where(unknown, -1, serving[0]),
-            "rsrp_dbm": np.where(power_mw > 0, power_dbm - 10.0 * np.log10(deployment.n_subcarriers)[:, None, None, None], np.nan),
+            "serving_sector": np.where(unknown, -1, serving),
+            "rsrp_dbm": np.where(np.isneginf(rsrp_dbm), np.nan, rsrp_dbm),
         },
-        sectors={
-            "sector_name": np.array(names),
-            "sector_x_m": deployment.x_m,
-            "sector_y_m": deployment.y_m,
-            "sector_height_m": height_m,
-            "sector_boresight_deg": deployment.boresight_deg,
-            "sector_power_dbm": deployment.power_dbm,
-            "sector_carrier_hz": deployment.carrier_hz,
-            "sector_bandwidth_hz": deployment.bandwidth_hz,
-            "sector_load": deployment.load,
-        },
+        sectors=sectors_of(deployment, names) | {"sector_height_m": height_m},
+        attributes={NOISE_FIGURE: float(deployment.noise_figure_db)},
     )
 
 
 def _request(
     deployment: Deployment, scene: str, x_m: FloatArray, y_m: FloatArray, heights_m: Sequence[float], rays: Rays
 ) -> dict[str, Any]:
-    antennas = {(a.n_vertical, a.spacing_wavelengths, a.electrical_tilt_deg) for a in deployment.antenna if isinstance(a, ColumnAntenna)}
+    antennas = {
+        (a.n_vertical, a.spacing_wavelengths, a.electrical_tilt_deg) for a in deployment.antenna if isinstance(a, ColumnAntenna)
+    }
     if len(antennas) != 1 or not all(isinstance(a, ColumnAntenna) for a in deployment.antenna):
         raise InputError("ray tracing needs the same column antenna, with the same electrical tilt, in all sectors")
     if len(np.unique(deployment.carrier_hz)) > 1 or len(np.unique(deployment.bandwidth_hz)) > 1:
@@ -176,7 +172,10 @@ def _run(request: dict[str, Any], folder: Path, progress: Callable[[float], None
     if not environment.get(LLVM_VARIABLE) and found is not None:
         environment[LLVM_VARIABLE] = found
     command = [sys.executable, "-m", "cellpilot.maps.sources.raytrace_worker", str(question), str(answer)]
-    with complaints.open("w") as errors, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment) as worker:
+    with (
+        complaints.open("w") as errors,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment) as worker,
+    ):
         assert worker.stdout is not None
         for line in worker.stdout:
             if line.startswith("progress "):
@@ -184,7 +183,9 @@ def _run(request: dict[str, Any], folder: Path, progress: Callable[[float], None
     if worker.returncode != 0 or not answer.exists():
         said = [line for line in complaints.read_text(errors="replace").splitlines() if line.strip()]
         how = f"ended by signal {-worker.returncode}" if worker.returncode < 0 else f"exit code {worker.returncode}"
-        raise InputError(f"ray tracing failed ({how}): {said[-1] if said else 'it said nothing; is the LLVM library version 19 or newer?'}")
+        raise InputError(
+            f"ray tracing failed ({how}): {said[-1] if said else 'it said nothing; is the LLVM library version 19 or newer?'}"
+        )
     with np.load(answer) as result:
         return {name: result[name] for name in result.files}
 

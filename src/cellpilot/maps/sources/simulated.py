@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import Anchor
 from cellpilot.maps.schema import RadioMap, make_map
+from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
 from cellpilot.radio import Deployment, LosMode, simulate
 
 FloatArray = NDArray[np.float64]
@@ -17,6 +18,12 @@ Range = tuple[float, float]
 
 STRIP_POINTS = 2**17
 """Points simulated between two reports of progress."""
+
+STRIP_LEVELS = 2**23
+"""Points times sectors of which the received power is held at a time."""
+
+MAX_RSRP_VALUES = 10_000_000
+"""The received power of every sector is kept as long as sectors times cells are no more than these (40 MB)."""
 
 
 def simulate_map(
@@ -39,8 +46,9 @@ def simulate_map(
     A bin's `sinr_db` is the mean of the dB values of points_per_side^2 points at the centres of a fine lattice within
     it, `sinr_spread_db` their standard deviation, `count` their number, `sinr_std_db` 0: nothing about a simulation
     is unknown. `serving_sector` is the one that serves most of the points, the lowest index on ties. The sites are
-    kept as coordinates of the dimension `sector`, with their `names`. `progress` hears the share that is done. `environment`, `los`, `shadowing_seed` and the errors of the model's
-    range: see `radio.simulate`. `InputError` for a rectangle that is no whole number of bins or heights that do not increase.
+    kept as coordinates of the dimension `sector`, with their `names`. `progress` hears the share that is done.
+    `environment`, `los`, `shadowing_seed` and the errors of the model's range: see `radio.simulate`. `InputError` for a
+    rectangle that is no whole number of bins or heights that do not increase.
     """
     x_m, y_m = bin_centres("x", x_range_m, bin_m), bin_centres("y", y_range_m, bin_m)
     z_m = _heights(heights_m)
@@ -54,8 +62,11 @@ def simulate_map(
     offset_m = ((np.arange(points_per_side) + 0.5) / points_per_side - 0.5) * bin_m
     shape = z_m.size, y_m.size, x_m.size
     mean_db, spread_db, serving = np.empty(shape), np.full(shape, np.nan), np.empty(shape, np.int32)
+    every_sector = deployment.n_sectors * mean_db.size <= MAX_RSRP_VALUES
+    rsrp_dbm = np.empty((deployment.n_sectors, *shape), np.float32) if every_sector else None
     # Some rows of bins at a time bound the memory; all heights together, because they share what lies below them.
-    rows = max(1, STRIP_POINTS // (x_m.size * z_m.size * points_per_side**2))
+    points = min(STRIP_POINTS, STRIP_LEVELS // deployment.n_sectors) if every_sector else STRIP_POINTS
+    rows = max(1, points // (x_m.size * z_m.size * points_per_side**2))
     for first in range(0, y_m.size, rows):
         strip = slice(first, min(first + rows, y_m.size))
         reception = simulate(
@@ -66,12 +77,15 @@ def simulate_map(
             environment=environment,
             los=los,
             shadowing_seed=shadowing_seed,
+            every_sector=every_sector,
         )
         sinr_db = reception.sinr_db.reshape(*reception.sinr_db.shape[:3], -1)  # [nz, rows, nx, points]
         mean_db[:, strip] = sinr_db.mean(axis=-1)
         if points_per_side > 1:
             spread_db[:, strip] = sinr_db.std(axis=-1, ddof=1)
         serving[:, strip] = _most_frequent(reception.serving_sector.reshape(sinr_db.shape))
+        if rsrp_dbm is not None and reception.sector_rsrp_dbm is not None:
+            rsrp_dbm[:, :, strip] = reception.sector_rsrp_dbm.reshape(-1, *sinr_db.shape).mean(axis=-1)
         progress(strip.stop / y_m.size)
     return make_map(
         mean_db,
@@ -79,8 +93,8 @@ def simulate_map(
         y_m=y_m,
         z_m=z_m,
         count=points_per_side**2,
-        optional={"sinr_spread_db": spread_db, "serving_sector": serving},
-        sectors=_sectors(deployment, names),
+        optional={"sinr_spread_db": spread_db, "serving_sector": serving} | ({} if rsrp_dbm is None else {"rsrp_dbm": rsrp_dbm}),
+        sectors=sectors_of(deployment, names),
         anchor=anchor,
         source="simulation",
         model=f"{environment}, LOS {los}, {'no shadowing' if shadowing_seed is None else 'correlated shadowing'}",
@@ -90,6 +104,7 @@ def simulate_map(
             "los": los,
             "bin_m": float(bin_m),
             "points_per_side": points_per_side,
+            NOISE_FIGURE: float(deployment.noise_figure_db),
         },
     )
 
@@ -124,19 +139,3 @@ def _most_frequent(sector: NDArray[np.int64]) -> NDArray[np.int64]:
     begins = np.concatenate([np.ones((len(places), 1), bool), places[:, 1:] != places[:, :-1]], axis=-1)
     run = index - np.maximum.accumulate(np.where(begins, index, 0), axis=-1)
     return np.take_along_axis(places, run.argmax(axis=-1)[:, None], axis=-1)[:, 0].reshape(sector.shape[:-1])
-
-
-def _sectors(deployment: Deployment, names: Sequence[str] | None) -> dict[str, NDArray[np.generic]]:
-    if names is None:
-        names = [f"site {site}, {boresight:g} deg" for site, boresight in zip(deployment.site, deployment.boresight_deg, strict=True)]
-    return {
-        "sector_name": np.array(names),
-        "sector_x_m": deployment.x_m,
-        "sector_y_m": deployment.y_m,
-        "sector_height_m": deployment.height_m,
-        "sector_boresight_deg": deployment.boresight_deg,
-        "sector_power_dbm": deployment.power_dbm,
-        "sector_carrier_hz": deployment.carrier_hz,
-        "sector_bandwidth_hz": deployment.bandwidth_hz,
-        "sector_load": deployment.load,
-    }

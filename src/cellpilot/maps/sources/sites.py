@@ -144,7 +144,10 @@ class _SectorReader:
             place = {"latitude": LATITUDE_DEG, "longitude": LONGITUDE_DEG}
         load = row.number(Column("load", 0.0, 1.0))
         return {
-            **{column: row.needed(Column(column, *limits, "m" if column.endswith("_m") else "deg")) for column, limits in place.items()},
+            **{
+                column: row.needed(Column(column, *limits, "m" if column.endswith("_m") else "deg"))
+                for column, limits in place.items()
+            },
             "height_m": row.needed(Column("height_m", 1.5, 300.0, "m")),
             "boresight_deg": (90.0 - row.needed(Column("azimuth_deg", 0.0, 360.0, "deg"))) % 360.0,
             "power_dbm": row.needed(Column("power_dbm", -50.0, 100.0, "dBm")),
@@ -168,7 +171,8 @@ class _SectorReader:
                 path = self.folder / text
                 if not path.is_file():
                     raise row.error(
-                        f"antenna is {text!r}; expected column(ELEMENTS,SPACING,FLOOR_DB) or an antenna file, and there is no {path}"
+                        f"antenna is {text!r}; expected column(ELEMENTS,SPACING,FLOOR_DB) or an antenna file,"
+                        f" and there is no {path}"
                     )
                 self.antennas[key] = read_antenna(path).antenna(None if isnan(electrical_deg) else electrical_deg, mechanical_deg)
             elif isnan(electrical_deg):
@@ -183,8 +187,8 @@ def _in_degrees(table: Table) -> bool:
     given = [set(pair) & set(table.names) for pair in (DEGREES, METRES)]
     if bool(given[0]) == bool(given[1]):
         raise InputError(
-            f"{table.path}, line {table.line}: {'both' if given[0] else 'neither'} latitude, longitude and x_m, y_m among its columns;"
-            " expected one pair"
+            f"{table.path}, line {table.line}: {'both' if given[0] else 'neither'} latitude, longitude and x_m, y_m"
+            " among its columns; expected one pair"
         )
     table.require(DEGREES if given[0] else METRES)
     return bool(given[0])
@@ -201,8 +205,8 @@ def _check_together(path: Path, lines: list[int], latitude_deg: np.ndarray, long
     row, distance_km = farthest_from_the_rest(latitude_deg, longitude_deg)
     if distance_km > FARTHEST_KM:
         raise InputError(
-            f"{path}, line {lines[row]}: latitude {latitude_deg[row]:g}, longitude {longitude_deg[row]:g} lies {distance_km:,.0f} km from"
-            f" the middle of the sites; expected at most {FARTHEST_KM:g} km: are they exchanged?"
+            f"{path}, line {lines[row]}: latitude {latitude_deg[row]:g}, longitude {longitude_deg[row]:g} lies"
+            f" {distance_km:,.0f} km from the middle of the sites; expected at most {FARTHEST_KM:g} km: are they exchanged?"
         )
 
 
@@ -220,7 +224,9 @@ def _antenna_fields(antenna: Antenna, path: Path, files: dict[bytes, str]) -> di
         write_antenna(pattern, path.parent / text)
         tilt_deg = antenna.electrical_tilt_deg
     else:
-        raise InputError(f"an antenna of type {type(antenna).__name__} cannot be written to a site list; expected a column or measured cuts")
+        raise InputError(
+            f"an antenna of type {type(antenna).__name__} cannot be written to a site list; expected a column or measured cuts"
+        )
     return {
         "mechanical_tilt_deg": repr(float(antenna.mechanical_tilt_deg)),
         "electrical_tilt_deg": repr(float(tilt_deg)),

@@ -1,35 +1,14 @@
-"""From a scenario to map, world, task, learner settings and policies: the one place where they are put together."""
+"""The map that a scenario asks for, and the sites behind a simulated one."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
-from cellpilot.grid import Grid
-from cellpilot.learn.algorithms.base import AlgorithmSettings
-from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
-from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
-from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
-from cellpilot.policies.pair_value import ARCHITECTURE
-from cellpilot.provenance import digest
-from cellpilot.scenario import (
-    AnyLearnerSettings,
-    LearnerSettings,
-    LogSettings,
-    MapFile,
-    MapSettings,
-    MeasuredMap,
-    PairLearnerSettings,
-    RewardSettings,
-    Scenario,
-    SimulatedMap,
-)
-from cellpilot.task import Task, default_max_steps
-from cellpilot.world import World
+from cellpilot.scenario import LogSettings, MapFile, MapSettings, MeasuredMap, SimulatedMap
 
 if TYPE_CHECKING:
     from cellpilot.maps import Anchor, LogOptions, RadioMap, SiteList
@@ -122,8 +101,9 @@ def layout_warning(deployment: "Deployment", settings: SimulatedMap, tolerated_d
     if excess_db.max() <= tolerated_db:
         return None
     return (
-        f"{len(np.unique(deployment.site))} sites alone are up to {excess_db.max():.1f} dB too good at {settings.heights_m[-1]:g} m"
-        f" (mean {excess_db.mean():.1f} dB) for a spot in a larger network: add outer sites with --map.rings {settings.rings + more}"
+        f"{len(np.unique(deployment.site))} sites alone are up to {excess_db.max():.1f} dB too good"
+        f" at {settings.heights_m[-1]:g} m (mean {excess_db.mean():.1f} dB) for a spot in a larger network:"
+        f" add outer sites with --map.rings {settings.rings + more}"
     )
 
 
@@ -192,109 +172,3 @@ def make_deployment(settings: SimulatedMap) -> "Deployment":
         load=settings.load,
         antenna=antenna,
     )
-
-
-def make_task(settings: RewardSettings, grid: Grid) -> Task:
-    """The task on a grid; the cap on steps follows from its sides unless it is given."""
-    return Task(
-        rho_goal=settings.rho_goal,
-        rho_sinr=settings.rho_sinr,
-        rho_step=settings.rho_step,
-        rho_blocked=settings.rho_blocked,
-        threshold_db=settings.threshold_db,
-        discount=settings.discount,
-        max_steps=default_max_steps(grid) if settings.max_steps is None else settings.max_steps,
-    )
-
-
-def make_learner(settings: AnyLearnerSettings) -> AlgorithmSettings:
-    """Settings of the scenario's algorithm as compiled code needs them."""
-    if isinstance(settings, PairLearnerSettings):
-        return FQIHER(**settings.model_dump(exclude={"algorithm"}))
-    return _ddqn_her(settings)
-
-
-def _ddqn_her(settings: LearnerSettings) -> DDQNHER:
-    return DDQNHER(
-        episodes=settings.episodes,
-        batch_size=settings.batch_size,
-        replay_capacity=settings.replay_capacity,
-        replay_start=settings.replay_start,
-        updates_per_episode=settings.updates_per_episode,
-        target_period=settings.target_period,
-        learning_rate=settings.learning_rate,
-        exploration=settings.exploration,
-        initial_exploration=settings.initial_exploration,
-        final_exploration=settings.final_exploration,
-        exploration_fraction=settings.exploration_fraction,
-        hindsight_ratio=settings.hindsight_ratio if settings.hindsight else 0,
-        hindsight_strategy=settings.hindsight_strategy,
-        double=settings.double,
-        clip_targets=settings.clip_targets,
-        architecture=settings.architecture,
-        hidden=(settings.hidden_units,) * settings.hidden_layers,
-        n_steps=settings.n_steps,
-        prioritised=settings.prioritised,
-        priority_exponent=settings.priority_exponent,
-        importance_exponent=settings.importance_exponent,
-        networks=settings.networks,
-    )
-
-
-def check_learner(settings: AnyLearnerSettings, task: Task, grid: Grid, n_seeds: int = 1) -> None:
-    """`InputError` before anything slow is imported if the learner cannot be trained so, that many seeds at once."""
-    learner = make_learner(settings)
-    learner.check_fits(task, n_seeds)
-    if isinstance(learner, FQIHER):
-        learner.check_memory_fits(grid.sides, n_seeds)
-
-
-def make_policies(world: World, task: Task, temperature: float, parameters: PolicyParameters | None) -> Sequence[Policy]:
-    """Baseline, optima and, where there are parameters, the learned policy twice: arg max and Boltzmann."""
-    policies: list[Policy] = [GreedyPolicy(world), OptimalPolicy(world, task), OptimalPolicy.undiscounted(world, task)]
-    if parameters is not None:
-        parameters.check_grid(world.grid)
-        policies += [LearnedPolicy(parameters, world.grid), LearnedPolicy(parameters, world.grid, temperature)]
-    return policies
-
-
-def fingerprint(scenario: Scenario, world: World) -> str:
-    """Names everything a training result depends on besides the seed: map, task and learner."""
-    text = scenario.task.model_dump_json() + scenario.learner.model_dump_json()
-    arrays = [world.sinr_db, world.sinr_std_db, world.blocked, np.array(world.grid.sides), np.frombuffer(text.encode(), np.uint8)]
-    return digest(arrays)
-
-
-def threshold_warning(world: World, threshold_db: float) -> str | None:
-    """A sentence if more than 95 % or fewer than 1 % of the free cells lie below the threshold."""
-    share = float((world.sinr_db[world.free_cells] < threshold_db).mean())
-    if share > 0.95:
-        return f"{share:.1%} of the cells lie below {threshold_db:g} dB: hardly any route avoids them; consider a lower threshold"
-    if share < 0.01:
-        few = f"only {share:.1%} of the cells lie below {threshold_db:g} dB"
-        return f"{few}: there is hardly anything to avoid; consider a higher threshold"
-    return None
-
-
-def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -> str | None:
-    """A sentence if the learned values, looked at for some goals, lie outside what any flight can earn."""
-    goals = world.free_cells[:: max(1, len(world.free_cells) // 50)]
-    values = parameters.values(world.grid, goals)
-    least, greatest = task.value_bounds
-    lowest, highest = float(values.min()), float(values.max())
-    usual = abs(task.rho_goal) + abs(task.rho_sinr) + abs(task.rho_step) + abs(task.rho_blocked)
-    if highest <= greatest + usual and lowest >= 2 * least - usual:  # some over-estimation is usual
-        return None
-    mend = "lower --learner.learning-rate" if parameters.architecture == ARCHITECTURE else "leave --learner.clip-targets on"
-    return (
-        f"training has diverged: values from {lowest:.3g} to {highest:.3g}, where a flight earns {least:g} to {greatest:g};"
-        f" use another seed, or {mend}"
-    )
-
-
-def shipped_policy(scenario_file: Path) -> PolicyParameters | None:
-    """The trained policy that ships beside a scenario file, if there is one."""
-    from cellpilot.policies import load_parameters
-
-    path = scenario_file.with_suffix(".safetensors")
-    return load_parameters(path) if path.is_file() else None

@@ -1,0 +1,33 @@
+"""Sentences about a threshold or a policy that is hardly what its user wanted; none stops anything."""
+
+from cellpilot.policies import PolicyParameters
+from cellpilot.policies.pair_value import ARCHITECTURE
+from cellpilot.task import Task
+from cellpilot.world import World
+
+
+def threshold_warning(world: World, threshold_db: float) -> str | None:
+    """A sentence if more than 95 % or fewer than 1 % of the free cells lie below the threshold."""
+    share = float((world.sinr_db[world.free_cells] < threshold_db).mean())
+    if share > 0.95:
+        return f"{share:.1%} of the cells lie below {threshold_db:g} dB: hardly any route avoids them; consider a lower threshold"
+    if share < 0.01:
+        few = f"only {share:.1%} of the cells lie below {threshold_db:g} dB"
+        return f"{few}: there is hardly anything to avoid; consider a higher threshold"
+    return None
+
+
+def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -> str | None:
+    """A sentence if the learned values, looked at for some goals, lie outside what any flight can earn."""
+    goals = world.free_cells[:: max(1, len(world.free_cells) // 50)]
+    values = parameters.values(world.grid, goals)
+    least, greatest = task.value_bounds
+    lowest, highest = float(values.min()), float(values.max())
+    usual = abs(task.rho_goal) + abs(task.rho_sinr) + abs(task.rho_step) + abs(task.rho_blocked)
+    if highest <= greatest + usual and lowest >= 2 * least - usual:  # some over-estimation is usual
+        return None
+    mend = "lower --learner.learning-rate" if parameters.architecture == ARCHITECTURE else "leave --learner.clip-targets on"
+    return (
+        f"training has diverged: values from {lowest:.3g} to {highest:.3g}, where a flight earns {least:g} to {greatest:g};"
+        f" use another seed, or {mend}"
+    )

@@ -1,0 +1,43 @@
+"""`Scenario` = map + task + learner + evaluation. TOML files and command-line flags are two views of it.
+
+Every value of the thesis is a default here, with its table or section. Unknown keys are refused.
+"""
+
+from cellpilot.scenario.base import Cell, Count, Finite, Floats, NonNegative, Pair, Paths, Positive, Settings
+from cellpilot.scenario.learner import ALGORITHM_HELP, LEARNERS, AnyLearnerSettings, LearnerSettings, PairLearnerSettings
+from cellpilot.scenario.maps import HEXAGONAL, LogSettings, MapFile, MapSettings, MeasuredMap, SimulatedMap
+from cellpilot.scenario.task import EvaluationSettings, RewardSettings, TaskSettings
+from cellpilot.scenario.toml import SHIPPED, Scenario, describe, dump_scenario, find_scenario, load_scenario, validated
+
+__all__ = [
+    "ALGORITHM_HELP",
+    "HEXAGONAL",
+    "LEARNERS",
+    "SHIPPED",
+    "AnyLearnerSettings",
+    "Cell",
+    "Count",
+    "EvaluationSettings",
+    "Finite",
+    "Floats",
+    "LearnerSettings",
+    "LogSettings",
+    "MapFile",
+    "MapSettings",
+    "MeasuredMap",
+    "NonNegative",
+    "Pair",
+    "PairLearnerSettings",
+    "Paths",
+    "Positive",
+    "RewardSettings",
+    "Scenario",
+    "Settings",
+    "SimulatedMap",
+    "TaskSettings",
+    "describe",
+    "dump_scenario",
+    "find_scenario",
+    "load_scenario",
+    "validated",
+]

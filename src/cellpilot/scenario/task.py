@@ -1,0 +1,43 @@
+"""What a flight earns and when it ends, and how policies that fly are compared."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from cellpilot.scenario.base import Cell, Count, Finite, NonNegative, Positive, Settings
+
+
+class RewardSettings(Settings):
+    """What a flight earns and when it ends (section 4.2.2)."""
+
+    rho_goal: Finite = Field(10.0, description="reward for reaching the goal (Table 4.2)")
+    rho_sinr: Finite = Field(-1.0, description="reward of a step below the threshold (Table 4.2)")
+    rho_step: Finite = Field(-0.1, description="reward of every step (Table 4.2)")
+    rho_blocked: Finite = Field(0.0, description="reward of a move that a blocked cell stops")
+    threshold_db: Finite = Field(3.0, description="SINR threshold [dB] (section 4.4.2)")
+    noise_std_db: NonNegative = Field(
+        0.0, description="standard deviation of the noise drawn at every step [dB] (section 5.2: 2)"
+    )
+    discount: float = Field(0.995, gt=0, le=1, description="discount factor (Table 4.3)")
+    max_steps: Count | None = Field(
+        None, description="cap on steps; None = ten times the sum of the sides (section 4.2.2: 400, 450)"
+    )
+
+
+class TaskSettings(RewardSettings):
+    """What a flight earns, when it ends and between which cells it leads (section 4.2.2)."""
+
+    start: Cell | None = Field(None, description="fixed start IX IY IZ; None = drawn uniformly")
+    goal: Cell | None = Field(None, description="fixed goal IX IY IZ; None = drawn uniformly")
+
+
+class EvaluationSettings(Settings):
+    """How policies are compared (section 4.4)."""
+
+    n_sampled: Count = Field(10_000, description="sampled flights (section 4.4)")
+    seed: int = Field(0, ge=0, description="seed of instances and noise")
+    boltzmann_temperature: Positive = Field(0.1, description="temperature of the stochastic learned policy")
+    max_exhaustive_pairs: Annotated[int, Field(ge=0)] = Field(5_000_000, description="fly all pairs exactly below this number")
+    speed_mps: Positive = Field(10.0, description="planned speed, for outages in seconds and handovers [m/s]")
+    hysteresis_db: NonNegative = Field(3.0, description="a handover needs a sector stronger by this [dB] (event A3)")
+    time_to_trigger_s: NonNegative = Field(0.256, description="... for so long [s] (event A3)")
