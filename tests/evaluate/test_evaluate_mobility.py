@@ -1,5 +1,7 @@
 """Handovers against a plain clock that ticks every millisecond, and by hand on a corridor."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -24,7 +26,7 @@ def corridor(rsrp_dbm: np.ndarray, spacing_m: float = 20.0) -> World:
 def ride_along(world: World, rule: HandoverRule, path: list[int], low: set[int] = frozenset()) -> Mobility:
     """The drone along the cells of a path."""
     ride = Ride(world, rule, np.array([path[0]]))
-    for here, there in zip(path, path[1:], strict=False):
+    for here, there in pairwise(path):
         ride.step(np.array([0]), np.array([here]), np.array([there]), np.array([there in low]))
     return ride.mobility
 

@@ -145,3 +145,10 @@ def scenario_argument(arguments: Sequence[str]) -> tuple[str, Scenario] | None:
 def command_line() -> str:
     """The command as it was called, for provenance: the program by name, without the folder it lies in."""
     return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def refuse_idle(options: Settings, names: Sequence[str], why: str) -> None:
+    """`InputError` if one of the named options was given, although it would do nothing."""
+    for name in names:
+        if getattr(options, name) != type(options).model_fields[name].default:
+            raise InputError(f"--{name.replace('_', '-')} {why}: leave it out")

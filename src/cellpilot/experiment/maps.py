@@ -64,23 +64,34 @@ def _trend_db(settings: LogSettings, radio_map: "RadioMap") -> NDArray[np.float6
     return simulate(deployment, x_m, y_m[:, None], z_m[:, None, None], settings.trend_environment).sinr_db
 
 
-def holdout_of(settings: LogSettings, bin_m: float, block_m: float) -> "dict[str, HoldOut]":
-    """Errors of each way to fill holes on hidden blocks of the settings' logs, in cells of `bin_m`."""
+def holdout_of(
+    settings: LogSettings, bin_m: float, block_m: float, progress: Callable[[float], None] = lambda share: None
+) -> "dict[str, HoldOut]":
+    """Errors of each way to fill holes on hidden blocks of the settings' logs, in cells of `bin_m`.
+
+    With a trend in the settings the Gaussian process departs from it, as the filling would.
+    """
     from cellpilot.maps.estimate.fill import measured_cells
     from cellpilot.maps.estimate.holdout import block_holdout
-    from cellpilot.maps.estimate.methods import Method, gaussian_process, height_mean, inverse_distance
+    from cellpilot.maps.estimate.methods import (
+        Method,
+        gaussian_process,
+        height_mean,
+        inverse_distance,
+        without_trend,
+    )
 
     radio_map = make_measured_map(settings.model_copy(update={"bin_m": bin_m, "fill_radius_m": 0.0}))
     methods: dict[str, Method] = {
         "mean per height": height_mean,
         "inverse distance": inverse_distance(settings.fill_radius_m or np.inf),
-        "Gaussian process": gaussian_process,
+        "Gaussian process": without_trend(gaussian_process),
     }
-    results = block_holdout(measured_cells(radio_map)[0], methods, block_m)
+    trend_db = None
     if settings.trend is not None:
-        with_trend = measured_cells(radio_map, _trend_db(settings, radio_map))[0]
-        results |= block_holdout(with_trend, {"Gaussian process, trend": gaussian_process}, block_m)
-    return results
+        trend_db = _trend_db(settings, radio_map)
+        methods["Gaussian process, trend"] = gaussian_process
+    return block_holdout(measured_cells(radio_map, trend_db), methods, block_m, progress=progress)
 
 
 def layout_warning(deployment: "Deployment", settings: SimulatedMap, tolerated_db: float = 1.0) -> str | None:

@@ -39,10 +39,10 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
 
     Measured cells are looked up in the simulation by linear interpolation; those outside it do not count. Both need an
     anchor, or both none. `sinr_std_db` of the result is the root mean square error that is left: what the simulation does
-    not know. Offset and factor are kept in the attributes. `InputError` for fewer than 3 cells in common or a simulation
-    without any spread.
+    not know. Offset, factor, and the fit before and after are kept in the attributes. `InputError` for fewer than 3 cells in
+    common or a simulation without any spread.
     """
-    known, _ = measured_cells(measured)
+    known = measured_cells(measured)
     predicted_db = _look_up(simulated, _local_to(simulated, measured, known.points_m))
     inside = np.isfinite(predicted_db)
     if inside.sum() < 3:
@@ -62,6 +62,8 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
     result["sinr_db"].values = sinr_db.astype(np.float32)
     result["sinr_std_db"].values = np.full(sinr_db.shape, after.rmse_db, np.float32)
     result.attrs |= {"calibration_offset_db": offset_db, "calibration_spread_factor": factor, "calibration_mean_db": mean_db}
+    for when, fit in (("before", before), ("after", after)):
+        result.attrs |= {f"calibration_{name}_{when}": value for name, value in fit._asdict().items()}
     return Calibration(validate(result), offset_db, factor, int(inside.sum()), before, after)
 
 

@@ -90,7 +90,12 @@ class LogSettings(Settings):
     unknown: Literal["blocked", "bad"] = Field("blocked", description="what an unknown cell is: not to be entered, or bad signal")
 
     @model_validator(mode="after")
-    def _trend_is_used(self) -> "LogSettings":
+    def _all_is_used(self) -> "LogSettings":
+        for name in ("altitude_unit", "altitude_reference"):
+            if getattr(self, name) is not None and self.columns is None:
+                raise ValueError(f"{name} is for logs with named columns: name them in columns, or leave it out")
+        if self.trend is None and self.trend_environment != type(self).model_fields["trend_environment"].default:
+            raise ValueError("trend_environment is for a trend: give its site list, or leave it out")
         if self.trend is not None and self.fill != "gaussian-process":
             raise ValueError(
                 f"trend is for the Gaussian process, but holes are filled by {self.fill}: set fill to gaussian-process"

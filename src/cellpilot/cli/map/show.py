@@ -8,7 +8,7 @@ import tyro
 from pydantic import Field
 
 from cellpilot.cli.console import out
-from cellpilot.cli.options import parse
+from cellpilot.cli.options import parse, refuse_idle
 from cellpilot.maps import load_map
 from cellpilot.scenario import NonNegative, Settings
 
@@ -28,6 +28,8 @@ class ShowOptions(Settings):
 def main(arguments: Sequence[str]) -> int:
     """Draw and save."""
     options = parse(ShowOptions, arguments, "cellpilot map show", "Draw a map.")
+    if options.what != "probability":
+        refuse_idle(options, ("noise_std_db",), "is for --what probability")
     from cellpilot.report.figures import save_figure
     from cellpilot.report.map_views import draw_map
 

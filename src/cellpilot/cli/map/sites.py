@@ -7,7 +7,7 @@ import tyro
 from pydantic import Field
 
 from cellpilot.cli.console import out
-from cellpilot.cli.options import parse
+from cellpilot.cli.options import parse, refuse_idle
 from cellpilot.errors import InputError
 from cellpilot.experiment import make_sites
 from cellpilot.maps import AssumedSectors, read_opencellid, write_sites
@@ -32,17 +32,21 @@ class SitesOptions(Settings):
     load: float = Field(AssumedSectors.load, ge=0, le=1, description="assumed load (0..1)")
 
 
+ASSUMED = ("azimuths_deg", "height_m", "electrical_tilt_deg", "power_dbm", "carrier_hz", "bandwidth_hz", "load")
+"""Options that stand for what a list of positions does not say."""
+
+
 def main(arguments: Sequence[str]) -> int:
     """Write the list."""
     options = parse(SitesOptions, arguments, "cellpilot map sites", "Write a site list.")
     if options.opencellid is not None:
-        names = ("azimuths_deg", "height_m", "electrical_tilt_deg", "power_dbm", "carrier_hz", "bandwidth_hz", "load")
-        assumed = AssumedSectors(**{name: getattr(options, name) for name in names})
+        assumed = AssumedSectors(**{name: getattr(options, name) for name in ASSUMED})
         found = read_opencellid(options.opencellid, options.operator, assumed)
         write_sites(found.deployment, options.out, found.names, found.anchor)
         for line in found.account:
             out.print(line)
     else:
+        refuse_idle(options, ("operator", *ASSUMED), "is for the positions of --opencellid FILE")
         settings = load_scenario(find_scenario(options.scenario)).map
         if not isinstance(settings, SimulatedMap):
             raise InputError(f"{options.scenario} has no deployment: its map is not simulated")

@@ -44,7 +44,7 @@ def fill(
     if method not in methods:
         raise InputError(f"the method is {method!r}; expected one of {', '.join(methods)}")
     result = validate(dataset)
-    known, _ = measured_cells(result, trend_db)
+    known = measured_cells(result, trend_db)
     hole = np.isnan(result["sinr_db"].values)
     points_m = cell_centres_m(result)
     reachable = hole.ravel().copy()
@@ -72,8 +72,8 @@ DESCRIPTIONS = {
 }
 
 
-def measured_cells(dataset: RadioMap, trend_db: ArrayLike | None = None) -> tuple[Known, np.ndarray]:
-    """The measured cells of a map, and where they are `[z, y, x]`."""
+def measured_cells(dataset: RadioMap, trend_db: ArrayLike | None = None) -> Known:
+    """The measured cells of a map."""
     sinr_db, count = dataset["sinr_db"].values, dataset["count"].values
     measured = ~np.isnan(sinr_db) & ~dataset["filled"].values
     spread_db = dataset["sinr_spread_db"].values[measured] if "sinr_spread_db" in dataset else np.zeros(measured.sum())
@@ -82,7 +82,7 @@ def measured_cells(dataset: RadioMap, trend_db: ArrayLike | None = None) -> tupl
     squares_db2 = np.nan_to_num((samples - 1) * spread_db.astype(np.float64) ** 2)
     prior_db = np.zeros(len(samples)) if trend_db is None else np.asarray(trend_db, dtype=np.float64)[measured]
     points_m = cell_centres_m(dataset)[measured.ravel()]
-    return Known(points_m, sinr_db[measured].astype(np.float64), samples, squares_db2, prior_db), measured
+    return Known(points_m, sinr_db[measured].astype(np.float64), samples, squares_db2, prior_db)
 
 
 def cell_centres_m(dataset: RadioMap) -> FloatArray:

@@ -3,7 +3,7 @@
 Hiding single cells would flatter every method: neighbours along a flight line are a few metres away, across a hole they are not.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,13 @@ class HoldOut(NamedTuple):
 
 
 def block_holdout(
-    known: Known, methods: Mapping[str, Method], block_m: float = 60.0, hidden_share: float = 0.2, splits: int = 10, seed: int = 0
+    known: Known,
+    methods: Mapping[str, Method],
+    block_m: float = 60.0,
+    hidden_share: float = 0.2,
+    splits: int = 10,
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, HoldOut]:
     """Root mean square and mean absolute error [dB], and interval coverage of each method over hidden blocks.
 
@@ -47,8 +53,9 @@ def block_holdout(
         hidden_blocks = np.random.default_rng([seed, split]).permutation(len(blocks))[:n_hidden]
         hidden = np.isin(number.ravel(), hidden_blocks)
         seen = Known(*(values[~hidden] for values in known))
-        for name, method in methods.items():
+        for i, (name, method) in enumerate(methods.items()):
             rows[name].append(_errors(known, hidden, method(seen, known.points_m[hidden], known.prior_db[hidden])))
+            progress((split + (i + 1) / len(methods)) / splits)
     return {name: HoldOut(*np.mean(results, axis=0).tolist()) for name, results in rows.items()}
 
 

@@ -36,21 +36,28 @@ def interpolate_locally(
     scale = np.array([kernel.length_m, kernel.length_m, kernel.vertical_length_m])
     tree = cKDTree(measurements.points_m / scale)
     mean_db, std_db = np.empty(len(targets_m)), np.empty(len(targets_m))
-    for chosen in _neighbourhoods(targets_m / scale, np.arange(len(targets_m))):
-        middle = (targets_m[chosen] / scale).mean(axis=0)
-        near = np.sort(tree.query(middle, NEIGHBOURS)[1])
+    for chosen, near in _neighbourhoods(tree, targets_m / scale, np.arange(len(targets_m))):
         some = Measurements(*(getattr(measurements, name)[near] for name in ("points_m", "count", "mean_db", "squares_db2")))
         mean_db[chosen], std_db[chosen] = interpolate(kernel, some, targets_m[chosen], prior_mean_db[chosen], prior_at_db[near])
     return mean_db, std_db
 
 
-def _neighbourhoods(points: FloatArray, index: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    """The points in groups of neighbours: halved along the longest axis until a group is small."""
-    if len(index) <= TARGETS:
-        if len(index):
-            yield index
+def _neighbourhoods(
+    tree: cKDTree, points: FloatArray, index: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """The points in groups, each with the measurements nearest to its middle.
+
+    Halved along the longest axis until a group is small and keeps to the inner half of the ball that holds those measurements:
+    scattered targets would otherwise lie outside it, and be conditioned on what is far from them.
+    """
+    if not len(index):
+        return
+    middle = points[index].mean(axis=0)
+    distance, near = tree.query(middle, NEIGHBOURS)
+    if len(index) <= TARGETS and np.linalg.norm(points[index] - middle, axis=1).max() <= distance[-1] / 2:
+        yield index, np.sort(near)
         return
     axis = int(np.ptp(points[index], axis=0).argmax())
     order = index[np.argsort(points[index, axis], kind="stable")]
     for half in (order[: len(order) // 2], order[len(order) // 2 :]):
-        yield from _neighbourhoods(points, half)
+        yield from _neighbourhoods(tree, points, half)

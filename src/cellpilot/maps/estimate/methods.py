@@ -84,6 +84,15 @@ def gaussian_process(known: Known, targets_m: FloatArray, prior_db: FloatArray) 
     return Estimate(mean_db, std_db, kernel.noise_std_db)
 
 
+def without_trend(method: Method) -> Method:
+    """The same method, deaf to a trend."""
+
+    def deaf(known: Known, targets_m: FloatArray, prior_db: FloatArray) -> Estimate:
+        return method(known._replace(prior_db=np.zeros_like(known.prior_db)), targets_m, np.zeros_like(prior_db))
+
+    return deaf
+
+
 def _weighted(target_m: FloatArray, known_m: FloatArray, values: FloatArray, radius_m: float, power: float) -> FloatArray:
     """Weighted mean of the known values around each target, itself excluded; NaN without a neighbour."""
     if not len(target_m) or not len(known_m):
@@ -94,7 +103,9 @@ def _weighted(target_m: FloatArray, known_m: FloatArray, values: FloatArray, rad
     pairs = pairs[pairs["v"] > 0]
     # The tree promises no order, and the last bit of a sum depends on it.
     pairs = pairs[np.lexsort((pairs["j"], pairs["i"]))]
-    weight = (pairs["v"] / reach_m) ** -power if pairs.size else pairs["v"]
+    # Distances in radii keep large powers within what a number can hold.
+    unit_m = reach_m if np.isfinite(reach_m) and reach_m > 0 else 1.0
+    weight = (pairs["v"] / unit_m) ** -power
     total = np.bincount(pairs["i"], weights=weight, minlength=len(target_m))
     weighted = np.bincount(pairs["i"], weights=weight * values[pairs["j"]], minlength=len(target_m))
     with np.errstate(invalid="ignore"):

@@ -74,19 +74,22 @@ def read(path: Path) -> RadioMap:
     arrays = {name: _gridded(values[:, 3 + i], index, shape, name) for i, name in enumerate(names)}
     optional: dict[str, ArrayLike] = {name: arrays[name] for name in ("sinr_spread_db", "serving_sector") if name in arrays}
     attributes = _attributes(path)
-    dataset = make_map(
-        arrays["sinr_db"],
-        x_m=x_m,
-        y_m=y_m,
-        z_m=z_m,
-        source="CSV",
-        sinr_std_db=arrays.get("sinr_std_db", 0.0),
-        count=arrays.get("count", 0),
-        filled=arrays.get("filled", False),
-        blocked=arrays.get("blocked"),
-        optional=optional,
-        unknown=str(attributes.get("unknown", "blocked")),
-    )
+    try:
+        dataset = make_map(
+            arrays["sinr_db"],
+            x_m=x_m,
+            y_m=y_m,
+            z_m=z_m,
+            source="CSV",
+            sinr_std_db=arrays.get("sinr_std_db", 0.0),
+            count=arrays.get("count", 0),
+            filled=arrays.get("filled", False),
+            blocked=arrays.get("blocked"),
+            optional=optional,
+            unknown=str(attributes.get("unknown", "blocked")),
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     if attributes:
         dataset.attrs = attributes
     return validate(dataset, str(path))
@@ -109,8 +112,8 @@ def _attributes(path: Path) -> dict[str, str | int | float]:
     if not first.startswith(MARK):
         return {}
     try:
-        return dict(json.loads(first.removeprefix(MARK)))
-    except ValueError:
+        return dict(json.loads(first.removeprefix(MARK)).items())
+    except (ValueError, AttributeError):
         raise InputError(
             f"{path}, line 1: the attributes are no JSON; expected the line as cellpilot wrote it, or none"
         ) from None

@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from glob import glob
 from importlib.util import find_spec
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cellpilot.errors import InputError
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
-from cellpilot.radio import ColumnAntenna, Deployment
+from cellpilot.radio import ColumnAntenna, Deployment, Interference
 from cellpilot.units import to_db
 
 FloatArray = NDArray[np.float64]
@@ -104,12 +104,25 @@ def map_of_powers(
     height_m: FloatArray,
 ) -> RadioMap:
     """The map of received powers `[sector, z, y, x]` [dBm, -inf where nothing arrives]; `inside [z, y, x]` is blocked."""
-    n_sectors, shape = deployment.n_sectors, power_dbm.shape[1:]
-    serving, best_dbm, sinr_db = (
-        values.reshape(shape) for values in deployment.interference.serve(power_dbm.reshape(n_sectors, -1))
-    )
+    sectors = sectors_of(deployment, names) | {"sector_height_m": height_m}
+    return map_of_levels(deployment.interference, power_dbm, x_m, y_m, z_m, sectors, deployment.noise_figure_db, inside)
+
+
+def map_of_levels(
+    interference: Interference,
+    power_dbm: FloatArray,
+    x_m: FloatArray,
+    y_m: FloatArray,
+    z_m: FloatArray,
+    sectors: Mapping[str, NDArray[np.generic]],
+    noise_figure_db: float,
+    inside: NDArray[np.bool_] | bool = False,
+) -> RadioMap:
+    """As `map_of_powers`, of sectors of which no more is known than their `interference` and the coordinates `sectors`."""
+    shape = power_dbm.shape[1:]
+    serving, best_dbm, sinr_db = (values.reshape(shape) for values in interference.serve(power_dbm.reshape(len(power_dbm), -1)))
     unknown = np.isneginf(best_dbm) | inside
-    rsrp_dbm = power_dbm - deployment.interference.subcarriers_db[:, None, None, None]
+    rsrp_dbm = power_dbm - interference.subcarriers_db[:, None, None, None]
     return make_map(
         np.where(unknown, np.nan, sinr_db),
         x_m=x_m,
@@ -122,8 +135,8 @@ def map_of_powers(
             "serving_sector": np.where(unknown, -1, serving),
             "rsrp_dbm": np.where(np.isneginf(rsrp_dbm), np.nan, rsrp_dbm),
         },
-        sectors=sectors_of(deployment, names) | {"sector_height_m": height_m},
-        attributes={NOISE_FIGURE: float(deployment.noise_figure_db)},
+        sectors=sectors,
+        attributes={NOISE_FIGURE: noise_figure_db},
     )
 
 
