@@ -1,6 +1,7 @@
 """Shared by all tests: checked annotations, small worlds, and a plain Python world to compare against."""
 
 import importlib
+import os
 import sys
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -12,6 +13,10 @@ import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import settings
+
+# Workers of `-n auto` and commands inherit this: threads of several processes on the same cores wait for each other, and a
+# Gaussian process takes forty times as long.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 with jaxtyping.install_import_hook(["cellpilot.envs", "cellpilot.learn"], "beartype.beartype"):
     importlib.import_module("cellpilot.learn.trainer")
@@ -35,18 +40,20 @@ UKM = Path(__file__).parents[2] / "shared" / "data" / "ukm"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """`--slow` also runs what takes more than twenty seconds."""
+    """`--slow` also runs what takes more than twenty seconds, `--raytrace` what needs Sionna RT and LLVM."""
     parser.addoption("--slow", action="store_true", help="also run tests marked slow")
+    parser.addoption("--raytrace", action="store_true", help="also run tests marked raytrace")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The marker, so that `--strict-markers` knows it."""
+    """The markers, so that `--strict-markers` knows them."""
     config.addinivalue_line("markers", "slow: takes more than twenty seconds; runs with --slow")
+    config.addinivalue_line("markers", "raytrace: traces rays with Sionna RT; runs with --raytrace")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the slow ones out unless they are asked for, and those on measured logs where there are none."""
-    left_out = {} if config.getoption("--slow") else {"slow": "slow: run with --slow"}
+    left_out = {name: f"{name}: run with --{name}" for name in ("slow", "raytrace") if not config.getoption(f"--{name}")}
     if not UKM.is_dir():
         left_out["shared"] = "the measured logs (../shared/data/ukm) are not beside the checkout"
     for item in items:

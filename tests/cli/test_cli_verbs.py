@@ -34,6 +34,10 @@ METRICS = {
     "regret_mean",
     "score",
     "longest_outage_p90_steps",
+    "longest_outage_p90_s",
+    "handovers_per_km",
+    "ping_pong_share",
+    "serving_loss_mean_db",
     "altitude_share",
 }
 
@@ -101,6 +105,27 @@ def test_evaluate_prints_nothing_but_json(place: Path, cli: Cli) -> None:
     assert learned["reached_share"] < 0.5
     assert learned["regret_mean"] > 0
     assert (place / "run" / "eval.nc").is_file()
+
+
+def test_handovers_where_the_map_knows_every_sector(place: Path, cli: Cli) -> None:
+    row = strict_json(cli("evaluate", "run", "--json").out)["policies"]["greedy"]
+    assert row["handovers_per_km"] > 0
+    scenario = place / "run" / "scenario.toml"
+    assert "hysteresis_db = 3.0" in scenario.read_text()
+    scenario.write_text(scenario.read_text().replace("hysteresis_db = 3.0", "hysteresis_db = 60.0"))
+    stubborn = strict_json(cli("evaluate", "run", "--json").out)["policies"]["greedy"]
+    assert stubborn["handovers_per_km"] == 0
+    assert stubborn["serving_loss_mean_db"] > row["serving_loss_mean_db"]
+    unknown = strict_json(cli("evaluate", "run", "--map", "plain.nc", "--json").out)["policies"]["greedy"]
+    assert unknown["handovers_per_km"] is None
+    assert unknown["longest_outage_p90_s"] == unknown["longest_outage_p90_steps"] * 10.0  # 100 m at 10 m/s
+
+
+def test_run_on_a_map_file_instead_of_the_scenarios_own(place: Path, cli: Cli) -> None:
+    result = cli("run", "tiny.toml", "--map", "plain.nc", "--out", "new", "--learner.episodes", "40")
+    assert result.code == 0, result.err
+    assert load_map(place / "new" / "map.nc").equals(load_map(place / "plain.nc"))
+    assert load_scenario(place / "new" / "scenario.toml").map.path == Path("plain.nc")
 
 
 def test_evaluate_without_the_exhaustive_part(place: Path, cli: Cli) -> None:

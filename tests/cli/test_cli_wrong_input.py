@@ -105,6 +105,9 @@ FLAGS = [
     (["--seed", "one"], ["--seed", "one"]),
     (["--speed", "3"], ["--speed"]),
     (["tiny.toml"], ["tiny.toml"]),
+    (["--map", "gone.nc"], ["gone.nc", "no such file"]),
+    (["--map"], ["--map", "expected one map file"]),
+    (["--map", "plain.nc", "--map.bin-m", "3"], ["--map.bin-m"]),
 ]
 
 LOGS = [

@@ -69,12 +69,14 @@ def test_nearest_measurements_say_what_all_of_them_say(targets: str) -> None:
     kernel = Kernel(5.0, 60.0, noise_std_db=1.0)
     known = measured(points_m, rng)
     targets_m = {
-        "dense": plane(24, step_m=10.0) + [3.0, 4.0, 0.0],
+        "dense": plane(24, step_m=10.0) + np.array([3.0, 4.0, 0.0]),
         "scattered": np.column_stack([rng.uniform(0, 780, (40, 2)), np.full(40, 30.0)]),
         "at the corners": np.array([(x, y, 30.0) for x in (5.0, 775.0) for y in (5.0, 775.0)]),
     }[targets]
     priors = surface_db(targets_m), surface_db(points_m)
-    (mean_db, std_db), (exact_db, exact_std_db) = (f(kernel, known, targets_m, *priors) for f in (interpolate_locally, interpolate))
+    (mean_db, std_db), (exact_db, exact_std_db) = (
+        f(kernel, known, targets_m, *priors) for f in (interpolate_locally, interpolate)
+    )
     assert np.abs(mean_db - exact_db).max() < 0.1
     np.testing.assert_allclose(std_db, exact_std_db, rtol=0.01)
     # Fewer measurements never make a Gaussian process surer.
@@ -113,3 +115,15 @@ def test_no_target_is_no_answer() -> None:
     for n in (3, 40):
         mean_db, std_db = interpolate_locally(Kernel(), measured(plane(n), rng), np.empty((0, 3)))
         assert mean_db.shape == std_db.shape == (0,)
+
+
+def test_progress_rises_to_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = measured(plane(12), np.random.default_rng(12))
+    shares: list[float] = []
+    for name, value in {"EXACT_POINTS": 0, "NEIGHBOURS": 60, "TARGETS": 9}.items():
+        monkeypatch.setattr(local, name, value)
+    interpolate_locally(Kernel(), known, plane(6), progress=shares.append)
+    assert len(shares) >= 4
+    assert 0 < shares[0]
+    assert (np.diff(shares) > 0).all()
+    assert shares[-1] == 1.0

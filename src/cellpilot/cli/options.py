@@ -18,6 +18,7 @@ from cellpilot.scenario import (
     SHIPPED,
     AnyLearnerSettings,
     LearnerSettings,
+    MapFile,
     MapSettings,
     Scenario,
     Settings,
@@ -45,16 +46,34 @@ InScenario = TypeVar("InScenario", bound=ScenarioOptions)
 
 
 def parse_scenario(kind: type[InScenario], arguments: Sequence[str], verb: str, description: str) -> tuple[InScenario, Scenario]:
-    """Options of a command on a scenario, and the scenario with the flags applied."""
+    """Options of a command on a scenario, and the scenario with the flags applied; `--map FILE` takes the place of its map."""
+    arguments, map_file = _asked_map(arguments)
     found = scenario_argument(arguments)
     name, scenario = found if found else ("thesis-2d", Scenario(name="thesis-2d"))
+    if map_file is not None:
+        scenario = scenario.model_copy(update={"map": MapFile(path=map_file)})
     if (algorithm := _asked_algorithm(arguments)) not in (None, scenario.learner.algorithm):
         scenario = scenario.model_copy(update={"learner": LEARNERS[algorithm]()})
     _refuse_other_learner(arguments, scenario)
     sections = [section for section in ("map", "task", "learner", "evaluation") if section in kind.model_fields]
     default = kind(scenario=name, **{section: getattr(scenario, section) for section in sections})
-    options = parse(kind, arguments, f"cellpilot {verb}", description, default)
+    options = parse(kind, arguments, f"cellpilot {verb}", f"{description} --map FILE: on that map.", default)
     return options, scenario.model_copy(update={section: getattr(options, section) for section in sections})
+
+
+def _asked_map(arguments: Sequence[str]) -> tuple[list[str], Path | None]:
+    """The arguments without `--map FILE`, and the file; None if not given."""
+    rest, files = [], []
+    pending = iter(arguments)
+    for argument in pending:
+        flag, _, joined = argument.partition("=")
+        if flag == "--map":
+            files.append(joined or next(pending, ""))
+        else:
+            rest.append(argument)
+    if len(files) > 1 or any(not file or file.startswith("-") for file in files):
+        raise InputError(f"--map {' --map '.join(files)}: expected one map file")
+    return rest, Path(files[0]) if files else None
 
 
 def _asked_algorithm(arguments: Sequence[str]) -> str | None:

@@ -25,11 +25,13 @@ def make_map(
     if isinstance(settings, MapFile):
         return load_map(settings.path)
     if isinstance(settings, MeasuredMap):
-        return make_measured_map(settings, anchor)
+        return make_measured_map(settings, anchor, progress)
     return make_simulated_map(settings, progress)
 
 
-def make_measured_map(settings: LogSettings, anchor: "Anchor | None" = None) -> "RadioMap":
+def make_measured_map(
+    settings: LogSettings, anchor: "Anchor | None" = None, progress: Callable[[float], None] = lambda share: None
+) -> "RadioMap":
     """The map of the logs in the settings."""
     from cellpilot.maps import import_logs
 
@@ -50,6 +52,7 @@ def make_measured_map(settings: LogSettings, anchor: "Anchor | None" = None) -> 
         anchor=anchor,
         options=log_options(settings),
         trend=None if settings.trend is None else partial(_trend_db, settings),
+        progress=progress,
     )
 
 

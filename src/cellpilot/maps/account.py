@@ -22,6 +22,7 @@ class LogAccount:
     kept: int  # a SINR value at a position
     rsrp_rows: int  # RSRP at a position, no SINR: kept apart, never paired with SINR
     dropped: Mapping[str, int]  # reason -> lines
+    days: tuple[str, str] | None = None  # first and last day of a sample (YYYY-MM-DD), where the log dates them
 
     def heights(self) -> str:
         """Height or heights in words."""
@@ -54,6 +55,15 @@ class ImportAccount:
     def kept(self) -> int:
         """SINR samples read, the masked ones included."""
         return sum(log.kept for log in self.logs)
+
+    @property
+    def days(self) -> tuple[str, str] | None:
+        """First and last day of all samples, YYYY-MM-DD; None if a log does not date them."""
+        found = [log.days for log in self.logs]
+        dated = [days for days in found if days is not None]
+        if not dated or len(dated) < len(found):
+            return None
+        return min(first for first, _ in dated), max(last for _, last in dated)
 
     def lines(self) -> list[str]:
         """The account as lines of text."""
@@ -95,7 +105,8 @@ def _log_account(log: dict[str, Any]) -> LogAccount:
     altitude_m = log["altitude_m"]
     # Version 0.1.0 knew one kind of log, at one height.
     heights_m = tuple(altitude_m) if isinstance(altitude_m, list) else (altitude_m, altitude_m)
-    return LogAccount(**{"kind": "drive-test export"} | log | {"altitude_m": heights_m})
+    days = None if log.get("days") is None else tuple(log["days"])
+    return LogAccount(**{"kind": "drive-test export"} | log | {"altitude_m": heights_m, "days": days})
 
 
 def account_of(dataset: RadioMap) -> ImportAccount:

@@ -86,7 +86,11 @@ def _look_up(radio_map: RadioMap, points_m: FloatArray) -> FloatArray:
     for dimension, axis in enumerate(axes):
         if len(axis) == 1:
             values = np.repeat(values, 2, axis=dimension)
-    return np.asarray(RegularGridInterpolator(wide, values, bounds_error=False)(points_m[:, ::-1]))
+    look_up = lambda array: RegularGridInterpolator(wide, array, bounds_error=False)(points_m[:, ::-1])
+    known = np.isfinite(values)
+    # An unknown cell matters only where it has weight: NaN times 0 would be NaN at the very centre of its neighbour.
+    certain = look_up(known.astype(np.float64)) > 1 - 1e-9
+    return np.where(certain, look_up(np.where(known, values, 0.0)), np.nan)
 
 
 def _fit(predicted_db: FloatArray, truth_db: FloatArray) -> Fit:

@@ -1,7 +1,7 @@
 """What matters about a map, in words."""
 
 from collections.abc import Iterator
-from datetime import datetime
+from datetime import date
 
 import numpy as np
 
@@ -9,8 +9,11 @@ from cellpilot.maps.account import ATTRIBUTE, account_of
 from cellpilot.maps.schema import RadioMap, anchor_of
 
 
-def described(radio_map: RadioMap, threshold_db: float) -> Iterator[str]:
-    """Lines about the grid, where the numbers come from, and each height: share below the threshold, holes, uncertainty."""
+def described(radio_map: RadioMap, threshold_db: float, today: date | None = None) -> Iterator[str]:
+    """Lines about the grid, where the numbers come from, and each height: share below the threshold, holes, uncertainty.
+
+    The age of measurements counts to `today`, by default the day it is.
+    """
     sides = " x ".join(str(radio_map.sizes[axis]) for axis in "xyz")
     steps = [float(np.diff(radio_map[axis].values[:2])[0]) for axis in "xy" if radio_map.sizes[axis] > 1]
     origin = f"source {radio_map.attrs['source']}, {radio_map.attrs.get('model') or 'no model'}"
@@ -21,9 +24,7 @@ def described(radio_map: RadioMap, threshold_db: float) -> Iterator[str]:
         if anchor is None
         else f"x = y = 0 at {anchor.latitude_deg:.6f}, {anchor.longitude_deg:.6f}"
     )
-    made = radio_map.attrs.get("created")
-    age = "" if made is None else f", made {made} ({(datetime.now() - datetime.fromisoformat(str(made))).days} days ago)"
-    yield f"{place}{age}"
+    yield place
     if "sector" in radio_map.dims:
         sectors = radio_map.sizes["sector"]
         stated = "sector_carrier_hz" in radio_map.coords
@@ -32,7 +33,16 @@ def described(radio_map: RadioMap, threshold_db: float) -> Iterator[str]:
     for iz, z_m in enumerate(radio_map["z"].values):
         yield f"{z_m:g} m: {_level(radio_map, iz, threshold_db)}"
     if ATTRIBUTE in radio_map.attrs:
-        yield from account_of(radio_map).lines()
+        account = account_of(radio_map)
+        yield _age(account.days, today or date.today())
+        yield from account.lines()
+
+
+def _age(days: tuple[str, str] | None, today: date) -> str:
+    if days is None:
+        return "measured on days that the logs do not tell"
+    first, last = days
+    return f"measured {first}{'' if last == first else f' to {last}'}, {(today - date.fromisoformat(last)).days} days ago"
 
 
 def _level(radio_map: RadioMap, iz: int, threshold_db: float) -> str:

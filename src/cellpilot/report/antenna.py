@@ -34,7 +34,7 @@ def draw_antenna(antenna: Antenna) -> Figure:
         axes.set_theta_direction(-1)
         _curve(axes, np.radians(angle_deg), vertical_dbi, peak_dbi, VERMILION)
         axes.set_thetagrids(range(0, 360, 45), ["up", "45°", "0°", "-45°", "down", "", "behind", ""])
-        axes.set_title(f"from the side, {-azimuth_deg:g}° clockwise from boresight\n(above the horizon)")
+        axes.set_title(f"from the side, {0.0 - azimuth_deg:g}° clockwise from boresight\n(above the horizon)")
         figure.suptitle(f"{getattr(antenna, 'name', '') or type(antenna).__name__}: gain [dBi], peak {peak_dbi:.1f} dBi")
     return figure
 
@@ -53,5 +53,5 @@ def _curve(axes: PolarAxes, angle_rad: np.ndarray, gain_dbi: np.ndarray, peak_db
     axes.plot(angle_rad, np.maximum(gain_dbi, low_dbi), color=colour)
     axes.set_rlim(low_dbi, peak_dbi + 1.0)
     axes.set_rticks([peak_dbi - depth for depth in (30.0, 20.0, 10.0, 3.0)])
-    axes.set_yticklabels([f"{peak_dbi - depth:.0f}" for depth in (30.0, 20.0, 10.0, 3.0)], fontsize=7)
+    axes.set_yticklabels([f"{peak_dbi - depth:.0f}" for depth in (30.0, 20.0, 10.0, 3.0)], fontsize=8)
     axes.set_rlabel_position(135)

@@ -75,6 +75,8 @@ def _variable(name: str, label: str) -> Callable[[RadioMap, float, float], View]
         if name not in radio_map:
             raise InputError(f"the map has no {name}: nothing to draw")
         values = np.where(np.isnan(radio_map["sinr_db"].values), np.nan, radio_map[name].values.astype(np.float64))
+        if np.isnan(values).all():
+            raise InputError(f"the map has no {name} in any cell: nothing to draw")
         return View(values, "magma_r", 0.0, max(float(np.nanmax(values)), 1e-3), label)
 
     return view
@@ -161,7 +163,7 @@ def _number_largest(axes, grid, area: NDArray[np.bool_], sector: int) -> None:  
             str(sector),
             ha="center",
             va="center",
-            fontsize=7,
+            fontsize=8,
             color="black",
             zorder=4.5,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},

@@ -200,6 +200,7 @@ def draw_scale_and_north(axes: Axes, grid: Grid) -> None:
     left_m, low_m = x_m[0] + 0.05 * width_m, y_m[0] + 0.06 * height_m
     rim = [patheffects.Stroke(linewidth=5, foreground="white"), patheffects.Normal()]
     text_rim = [patheffects.Stroke(linewidth=2.5, foreground="white"), patheffects.Normal()]
+    arrow_rim = [patheffects.Stroke(linewidth=3.9, foreground="white"), patheffects.Normal()]
     axes.plot(
         [left_m, left_m + length_m],
         [low_m, low_m],
@@ -229,7 +230,7 @@ def draw_scale_and_north(axes: Axes, grid: Grid) -> None:
         va="center",
         fontsize=8,
         zorder=5,
-        arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 1.4},
+        arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 1.4, "path_effects": arrow_rim},
         path_effects=text_rim,
     )
 

@@ -58,7 +58,7 @@ def _basis(run: Content, n_flights: str) -> str:
     if run.metrics["exhaustive"]:
         text = (
             f"Rows marked exact cover all {pairs} start-goal pairs, in expectation over noise and over the choices of a policy "
-            "that draws its actions; only the longest outage comes from drawn flights."
+            "that draws its actions; outages and handovers come from drawn flights."
         )
     else:
         text = f"No row is exact: {n_flights} flights were drawn from {pairs} start-goal pairs; 95 % intervals stand in brackets."

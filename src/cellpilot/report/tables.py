@@ -46,8 +46,8 @@ WORDS = {
     "return_mean": "Mean sum of all rewards of a flight, without discount, up to the cap on steps.",
     "longest_outage_p90_s": "Nine tenths of the sampled flights are at most so many seconds at a time below the threshold, "
     "at the planned speed.",
-    "handovers_per_km": "Handovers per kilometre of the sampled flights: a neighbour has been stronger than the serving "
-    "sector by the hysteresis (3 dB) for the time to trigger (256 ms). Needs the received power of every sector in the map.",
+    "handovers_per_km": "Handovers per kilometre of the sampled flights, after event A3: a neighbour has been stronger than the "
+    "serving sector by the hysteresis for the time to trigger. Needs the received power of every sector in the map.",
     "ping_pong_share": "Share of handovers back to the sector left less than a second before.",
     "serving_loss_mean_db": "SINR of the best sector minus SINR of the serving one, mean over the cells entered by the sampled "
     "flights: what the delay of handovers costs.",

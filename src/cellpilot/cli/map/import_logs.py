@@ -56,7 +56,8 @@ def main(arguments: Sequence[str]) -> int:
         save_map(radio_map, options.out)
         out.print(f"{radio_map.attrs['model']}; {blocked.sum()} of {blocked.size} cells reached by no ray")
     else:
-        radio_map = make_measured_map(options)
+        with share_bar("fill") as progress:
+            radio_map = make_measured_map(options, progress=progress)
         save_map(radio_map, options.out)
         for line in account_of(radio_map).lines():
             out.print(line)

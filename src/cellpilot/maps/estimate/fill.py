@@ -1,5 +1,7 @@
 """Fill unknown cells from measured ones, as a separate recorded step."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -21,6 +23,7 @@ def fill(
     power: float = 2.0,
     unknown: str = "blocked",
     trend_db: ArrayLike | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> RadioMap:
     """A copy in which unknown cells near a measured cell have a value.
 
@@ -40,7 +43,10 @@ def fill(
         raise InputError(f"the power of the distance is {power:g}; expected more than 0")
     if unknown not in UNKNOWN:
         raise InputError(f"unknown is {unknown!r}; expected one of {', '.join(UNKNOWN)}")
-    methods: dict[str, Method] = {"inverse-distance": inverse_distance(radius_m, power), "gaussian-process": gaussian_process}
+    methods: dict[str, Method] = {
+        "inverse-distance": inverse_distance(radius_m, power),
+        "gaussian-process": partial(gaussian_process, progress=progress),
+    }
     if method not in methods:
         raise InputError(f"the method is {method!r}; expected one of {', '.join(methods)}")
     result = validate(dataset)

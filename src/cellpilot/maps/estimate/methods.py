@@ -68,7 +68,9 @@ def inverse_distance(radius_m: float, power: float = 2.0) -> Method:
     return method
 
 
-def gaussian_process(known: Known, targets_m: FloatArray, prior_db: FloatArray) -> Estimate:
+def gaussian_process(
+    known: Known, targets_m: FloatArray, prior_db: FloatArray, progress: Callable[[float], None] = lambda share: None
+) -> Estimate:
     """Posterior of a Gaussian process over all heights, its hyper-parameters estimated from the measured cells.
 
     Its prior mean is the trend, with offset and factor fitted to the measured cells by least squares, or their mean without
@@ -80,7 +82,7 @@ def gaussian_process(known: Known, targets_m: FloatArray, prior_db: FloatArray) 
     factor = max(float(centred_db @ known.mean_db) / square, 0.0) if square > 0 else 0.0
     fitted = lambda trend_db: known.mean_db.mean() + factor * (trend_db - known.prior_db.mean())
     kernel = estimate_kernel(measurements, fitted(known.prior_db), Kernel(form="exponential"))
-    mean_db, std_db = interpolate_locally(kernel, measurements, targets_m, fitted(prior_db), fitted(known.prior_db))
+    mean_db, std_db = interpolate_locally(kernel, measurements, targets_m, fitted(prior_db), fitted(known.prior_db), progress)
     return Estimate(mean_db, std_db, kernel.noise_std_db)
 
 

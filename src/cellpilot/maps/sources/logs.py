@@ -24,6 +24,9 @@ FORMATS = (DRIVE_TEST, GNETTRACK, NETWORK_SURVEY_LTE, NETWORK_SURVEY_NR)
 FARTHEST_KM = 200.0
 """No flight leads farther from the middle of its log: exchanged coordinates do."""
 
+DAY = re.compile(r"(20\d\d)[-./](0[1-9]|1[0-2])[-./](0[1-9]|[12]\d|3[01])(?!\d)")
+"""The day that a time begins with, as in 2020-02-14T12:58:17 and 2020.02.14_12.58.17."""
+
 HEIGHT_IN_NAME = re.compile(r"(?:^|_)(\d+(?:\.\d+)?)m$", re.IGNORECASE)
 
 
@@ -75,7 +78,16 @@ def read_log(path: str | Path, options: LogOptions = LogOptions()) -> tuple[Samp
     samples = _table(path, log_format, kept, options)
     _check_together(path, lines, samples)
     altitudes_m = (float(samples.altitude_m.min()), float(samples.altitude_m.max()))
-    account = LogAccount(path.name, log_format.name, altitudes_m, n_rows, with_sinr, len(kept) - with_sinr, dict(dropped))
+    account = LogAccount(
+        file=path.name,
+        kind=log_format.name,
+        altitude_m=altitudes_m,
+        rows=n_rows,
+        kept=with_sinr,
+        rsrp_rows=len(kept) - with_sinr,
+        dropped=dict(dropped),
+        days=_days(samples.time.tolist()),
+    )
     return samples, account
 
 
@@ -104,6 +116,12 @@ def _sample(row: Row, f: LogFormat, options: LogOptions) -> tuple[object, ...] |
     if f.altitude is not None and options.altitude_m is None and not isfinite(altitude):
         return "without altitude"
     return row.text(f.time), latitude_deg, longitude_deg, sinr_db, rsrp_dbm, rsrq_db, altitude, row.text(f.cell)
+
+
+def _days(times: list[str]) -> tuple[str, str] | None:
+    found = [DAY.match(time) for time in times]
+    days = ["-".join(match.groups()) for match in found if match is not None]
+    return (min(days), max(days)) if days and len(days) == len(found) else None
 
 
 def _recognised(table: Table) -> LogFormat:

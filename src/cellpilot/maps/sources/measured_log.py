@@ -38,6 +38,7 @@ def import_logs(
     anchor: Anchor | None = None,
     options: LogOptions = AS_THE_LOG_SAYS,
     trend: Trend | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> RadioMap:
     """A RadioMap of the logs: the mean SINR of each bin and height, holes filled from neighbours.
 
@@ -47,7 +48,8 @@ def import_logs(
     (latitude [deg], longitude [deg], radius [m]) leaves out that one; None nothing. The bins that lose their samples are
     filled like any hole. `anchor`: where x = y = 0 and a bin corner lies; else the centre of the densest disc, masked or
     not, so that neither the order of the lines nor their spread over files moves a bin. `trend` says what SINR a simulation
-    has in the cells. `fill_radius_m`, `fill_method`, `unknown`: see `fill`.
+    has in the cells. `fill_radius_m`, `fill_method`, `unknown`: see `fill`. `progress` hears how much of a Gaussian process
+    is done.
 
     `sinr_std_db` is the standard error of the bin mean, with one pseudo-sample of the map's pooled variance: a bin of
     one sample gets the pooled spread, and two equal samples are not taken for certainty. Samples of one pass are
@@ -80,7 +82,7 @@ def import_logs(
         attributes={"bin_m": float(bin_m)} | _mask_attributes(disc, int((~keep).sum())),
     )
     trend_db = None if trend is None else trend(gridded)
-    result = fill(gridded, fill_radius_m, method=fill_method, unknown=unknown, trend_db=trend_db)
+    result = fill(gridded, fill_radius_m, method=fill_method, unknown=unknown, trend_db=trend_db, progress=progress)
     logs = tuple(sorted(accounts, key=lambda log: (log.altitude_m, log.file)))
     spot = None if disc is None else (disc.latitude_deg, disc.longitude_deg, disc.radius_m)
     account = ImportAccount(logs, int((~keep).sum()), spot, mask == "auto" and disc is not None, _levels(result))
@@ -124,7 +126,7 @@ def heights_m(samples: Samples, step_m: float, ground_altitude_m: float | None) 
         raise InputError(
             f"{samples.source[first]}: its altitudes count from the {samples.altitude_reference[first]},"
             f" the lowest is {lowest_m:.1f} m;"
-            " say where height 0 is: --ground-altitude METRES, or one height for all samples: --altitude METRES"
+            " say where height 0 is: --ground-altitude-m METRES, or one height for all samples: --altitude METRES"
         )
     result_m[~above_ground] -= ground_altitude_m or 0.0
     own = samples.altitude_reference != STATED

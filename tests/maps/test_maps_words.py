@@ -1,0 +1,62 @@
+"""What `map info` says of a map."""
+
+from importlib.resources import files
+
+import numpy as np
+
+from cellpilot.maps import Anchor, account_of, import_logs, make_map, simulate_map
+from cellpilot.maps.words import described
+from cellpilot.radio import hexagonal_deployment
+
+NAN = np.nan
+AXES = {"x_m": 40.0 * np.arange(5), "y_m": 20.0 * np.arange(2), "z_m": [30.0, 50.0, 70.0]}
+
+
+def test_every_figure_by_hand() -> None:
+    sinr_db = np.array([[[0, 1, 2, 3, 4], [5, 6, 7, 8, NAN]], [[2.0] * 5, [9.0] * 5], [[NAN] * 5] * 2])
+    std_db = np.zeros_like(sinr_db)
+    std_db[1, 0], std_db[1, 1] = 3.0, 4.0
+    filled = np.zeros(sinr_db.shape, bool)
+    filled[1, 0, :3] = True
+    blocked = np.isnan(sinr_db)
+    blocked[1, 0, 0] = True
+    spread_db = np.full_like(sinr_db, NAN)
+    spread_db[0, 0, :3] = [1.0, 1.5, 4.0]
+    radio_map = make_map(
+        sinr_db, **AXES, source="test", sinr_std_db=std_db, filled=filled, blocked=blocked, optional={"sinr_spread_db": spread_db}
+    )
+    assert list(described(radio_map, 3.0)) == [
+        "5 x 2 x 3 cells of 40 x 20 m, source test, no model",
+        "lies nowhere on Earth (no anchor)",
+        "30 m: 9 free cells, 1 blocked, 33.3% below 3 dB, median 4.0 dB (10 to 90 %: 0.8 to 7.2 dB), spread within a cell 1.5 dB",
+        "50 m: 9 free cells, 1 blocked, 44.4% below 3 dB, median 9.0 dB (10 to 90 %: 2.0 to 9.0 dB),"
+        " 22% of the known ones filled, uncertain by 3.6 dB",
+        "70 m: 0 free cells, 10 blocked, nothing known",
+    ]
+
+
+def test_free_cells_without_sinr_are_holes() -> None:
+    sinr_db = np.full((3, 2, 5), 8.0)
+    sinr_db[0, 0, :4] = NAN
+    radio_map = make_map(sinr_db, **AXES, source="test", unknown="bad")
+    lines = list(described(radio_map, 3.0))
+    assert lines[2] == (
+        "30 m: 10 free cells, 0 blocked, 0.0% below 3 dB, median 8.0 dB (10 to 90 %: 8.0 to 8.0 dB), 4 unknown and counted as bad"
+    )
+    assert "unknown" not in lines[3]
+
+
+def test_a_simulation_names_its_sectors_and_place() -> None:
+    deployment = hexagonal_deployment(rings=0, carrier_hz=[2e9, 8e8, 2e9])
+    radio_map = simulate_map(deployment, points_per_side=1, anchor=Anchor(47.25, 8.5))
+    lines = list(described(radio_map, 3.0))
+    assert lines[0].endswith("source simulation, UMa-AV, LOS soft, no shadowing")
+    assert lines[1] == "x = y = 0 at 47.250000, 8.500000"
+    assert lines[2] == "3 sectors on 800, 2000 MHz"
+
+
+def test_an_imported_log_keeps_its_account() -> None:
+    radio_map = import_logs([str(files("cellpilot").joinpath("data", "synthetic_30m.csv"))])
+    lines = list(described(radio_map, 3.0))
+    assert lines[3:] == account_of(radio_map).lines()
+    assert "spread within a cell" in lines[2]
