@@ -124,6 +124,6 @@ def test_progress_rises_to_one(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(local, name, value)
     interpolate_locally(Kernel(), known, plane(6), progress=shares.append)
     assert len(shares) >= 4
-    assert 0 < shares[0]
+    assert shares[0] > 0
     assert (np.diff(shares) > 0).all()
     assert shares[-1] == 1.0

@@ -167,3 +167,15 @@ def test_the_account_of_a_map_of_version_0_1_can_be_read(tmp_path: Path) -> None
     old = dataset.attrs["import_account"].replace('"altitude_m": [40.0, 40.0]', '"altitude_m": 40.0')
     dataset.attrs["import_account"] = old.replace('"kind": "Network Survey (LTE)", ', "")
     assert account_of(dataset).logs[0].altitude_m == (40.0, 40.0)
+
+
+def test_the_days_of_a_log_that_dates_its_samples(tmp_path: Path) -> None:
+    lines = [NETWORK_SURVEY, *(survey_line(latitude=f"51.9{i:03d}") for i in range(4))]
+    earlier = [lines[0], *(line.replace("2026-11-25", "2026-03-01") for line in lines[1:])]
+    one, two = write(tmp_path / "one.csv", lines), write(tmp_path / "two.csv", earlier)
+    assert read_log(one)[1].days == ("2026-11-25", "2026-11-25")
+    both = account_of(import_logs([one, two], altitude_m=30.0))
+    assert both.days == ("2026-03-01", "2026-11-25")
+    undated = write(tmp_path / "three.csv", [lines[0], lines[1].replace("2026-11-25", "today"), *lines[2:]])
+    assert read_log(undated)[1].days is None
+    assert account_of(import_logs([one, undated], altitude_m=30.0)).days is None

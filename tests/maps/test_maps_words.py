@@ -1,8 +1,11 @@
 """What `map info` says of a map."""
 
+from dataclasses import replace
+from datetime import date
 from importlib.resources import files
 
 import numpy as np
+import pytest
 
 from cellpilot.maps import Anchor, account_of, import_logs, make_map, simulate_map
 from cellpilot.maps.words import described
@@ -55,8 +58,28 @@ def test_a_simulation_names_its_sectors_and_place() -> None:
     assert lines[2] == "3 sectors on 800, 2000 MHz"
 
 
+SYNTHETIC = [str(files("cellpilot").joinpath("data", f"synthetic_{height_m}m.csv")) for height_m in (30, 50)]
+
+
 def test_an_imported_log_keeps_its_account() -> None:
-    radio_map = import_logs([str(files("cellpilot").joinpath("data", "synthetic_30m.csv"))])
+    radio_map = import_logs(SYNTHETIC[:1])
     lines = list(described(radio_map, 3.0))
-    assert lines[3:] == account_of(radio_map).lines()
+    assert lines[3] == "measured on days that the logs do not tell"
+    assert lines[4:] == account_of(radio_map).lines()
     assert "spread within a cell" in lines[2]
+
+
+@pytest.mark.parametrize(
+    ("days", "text"),
+    [
+        ([("2019-12-30", "2019-12-31"), ("2020-01-02", "2020-03-01")], "measured 2019-12-30 to 2020-03-01, 31 days ago"),
+        ([("2020-03-31", "2020-03-31")] * 2, "measured 2020-03-31, 1 days ago"),
+        ([("2020-03-31", "2020-03-31"), None], "measured on days that the logs do not tell"),
+    ],
+)
+def test_the_age_counts_from_the_last_day_of_measurements(days: list[tuple[str, str] | None], text: str) -> None:
+    radio_map = import_logs(SYNTHETIC)
+    account = account_of(radio_map)
+    logs = tuple(replace(log, days=days_of_log) for log, days_of_log in zip(account.logs, days, strict=True))
+    radio_map.attrs["import_account"] = replace(account, logs=logs).to_json()
+    assert text in described(radio_map, 3.0, today=date(2020, 4, 1))

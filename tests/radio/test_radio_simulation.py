@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellpilot.errors import InputError, RangeError
-from cellpilot.radio import ColumnAntenna, hexagonal_deployment, received_power_dbm, simulate
+from cellpilot.radio import ColumnAntenna, Interference, hexagonal_deployment, received_power_dbm, simulate
 from cellpilot.radio import simulation as simulation_module
 
 
@@ -162,6 +162,8 @@ def test_what_is_refused() -> None:
         simulate(deployment, 0.0, 0.0, 30.0, environment="moon")
     with pytest.raises(RangeError, match="UMa-AV at 150 m knows only LOS"):
         simulate(deployment, 0.0, 0.0, [50.0, 150.0], los="nlos")
+    with pytest.raises(RangeError, match="RMa-AV at 50 m knows no NLOS shadowing"):
+        simulate(deployment, 0.0, 0.0, 50.0, environment="RMa-AV", los="nlos", shadowing_seed=1)
     with pytest.raises(RangeError, match="height is 301 m"):
         simulate(deployment, 0.0, 0.0, 301.0)
     with pytest.raises(RangeError, match="x is nan m; expected a finite number"):
@@ -208,3 +210,23 @@ def test_masts_of_different_antennas_and_numbers_of_sectors() -> None:
         alone = received_power_dbm(hexagonal_deployment(antenna=antenna), x, y, z)
         rows = [i for i in range(21) if chosen[i] is antenna]
         np.testing.assert_allclose(together[rows], alone[rows], rtol=0, atol=1e-12)
+
+
+def test_sinr_of_each_sector_if_it_served() -> None:
+    carriers = np.repeat([2e9, 2.006e9, 2.5e9], [3, 1, 2])
+    load = np.array([1.0, 0.5, 0.2, 0.7, 1.0, 0.3])
+    interference = Interference.of(carriers, np.full(6, 10e6), load, 9.0)
+    power_dbm = np.random.default_rng(0).uniform(-130.0, -40.0, (6, 50))
+    found = interference.sinr_of_each_db(power_dbm)
+    power_mw = 10 ** (power_dbm / 10)
+    for i in range(6):
+        for j in range(50):
+            # Two carriers 6 MHz apart, each 9 MHz wide, share a third of their band.
+            shares = [{0.0: 1.0, 6e6: 1 / 3}.get(abs(carriers[i] - carrier), 0.0) for carrier in carriers]
+            heard_mw = sum(shares[k] * load[k] * power_mw[k, j] for k in range(6) if k != i)
+            expected = power_dbm[i, j] - 10 * np.log10(heard_mw + 10**-9.5)
+            assert found[i, j] == pytest.approx(expected, abs=1e-6)
+    serving, best_dbm, sinr_db = interference.serve(power_dbm)
+    np.testing.assert_array_equal(serving, power_dbm.argmax(axis=0))
+    np.testing.assert_array_equal(best_dbm, power_dbm.max(axis=0))
+    np.testing.assert_allclose(sinr_db, found[serving, np.arange(50)], atol=1e-9)

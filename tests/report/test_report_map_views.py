@@ -187,10 +187,13 @@ def test_large_maps_have_their_scale_in_kilometres() -> None:
     assert "2 km" in [text.get_text() for text in panels(figure)[0].texts]
 
 
-@given(st.floats(1e-3, 1e8) | st.sampled_from([10.0**k for k in range(-3, 8)]))
+POWERS = [10.0**k for k in range(-3, 8)]
+
+
+@given(st.floats(1e-3, 1e8) | st.sampled_from([*POWERS, *np.nextafter(POWERS, 0.0).tolist()]))
 def test_round_lengths_are_one_two_and_five(about_m: float) -> None:
     length_m = round_length_m(about_m)
-    assert length_m <= about_m * (1 + 1e-12) < 2.5 * length_m * (1 + 1e-9)
+    assert length_m <= about_m * (1 + 2e-9) < 2.5 * length_m * (1 + 4e-9)
     assert f"{length_m:e}"[:8] in ("1.000000", "2.000000", "5.000000")
 
 

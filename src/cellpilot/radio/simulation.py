@@ -100,7 +100,7 @@ def received_power_dbm(
     horizontal field of each site and state serves all heights, scaled by the spread at that height.
 
     `RangeError` for heights outside 1.5..300 m, points that are not finite, or "nlos" where the standard defines LOS
-    only; `InputError` for an unknown environment or mode, or "sampled" without a seed.
+    only (or, with shadowing, no NLOS spread); `InputError` for an unknown environment or mode, or "sampled" without a seed.
 
     Source: 3GPP TR 36.777 Annex B, TR 38.901 clauses 7.3, 7.4.4 and 7.6.3.3.
     """
@@ -159,7 +159,7 @@ def _for_each_level(
     if los not in get_args(LosMode):
         raise InputError(f"los is {los!r}; expected one of {', '.join(get_args(LosMode))}")
     if los == "nlos":
-        _check_nlos(environment, model, points)
+        _check_nlos(environment, model, points, shadowing_seed is not None)
     shadowing = None
     if shadowing_seed is not None:
         first, _ = deployment.masts
@@ -188,10 +188,15 @@ def _usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _check_nlos(environment: str, model: Environment, points: _Points) -> None:
+def _check_nlos(environment: str, model: Environment, points: _Points, shadowed: bool) -> None:
     for height_m in np.unique(points.z_m).tolist():
-        if model.path_loss_db(link_to(np.full(1, 2e9), np.full(1, 100.0), np.full(1, 25.0), height_m))[1] is None:
+        link = link_to(np.full(1, 2e9), np.full(1, 100.0), np.full(1, 25.0), height_m)
+        if model.path_loss_db(link)[1] is None:
             raise RangeError(f'{environment} at {height_m:g} m knows only LOS; fly lower or use los "soft"')
+        if shadowed and model.shadow_std_db(link)[1] is None:
+            raise RangeError(
+                f"{environment} at {height_m:g} m knows no NLOS shadowing; fly lower or leave out the shadowing seed"
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -236,6 +236,8 @@ def draw_scale_and_north(axes: Axes, grid: Grid) -> None:
 
 
 def round_length_m(about_m: float) -> float:
-    """The greatest of 1, 2 and 5 times a power of ten that is not above a length [m]."""
+    """The greatest of 1, 2 and 5 times a power of ten that is not above a length [m], but for rounding."""
+    # The logarithm of a length just below a power of ten is that of the power.
+    about_m *= 1 + 1e-9
     power = 10.0 ** np.floor(np.log10(about_m))
     return float(power * max(step for step in (1, 2, 5) if step * power <= about_m))
