@@ -125,3 +125,15 @@ def test_what_cannot_be_fitted_is_refused_in_one_line(simulated: RadioMap, measu
     with pytest.raises(InputError, match=message) as caught:
         calibrate(simulated, measured)
     assert "\n" not in str(caught.value)
+
+
+def test_what_a_stretched_sinr_no_longer_fits_is_stretched_or_left_out() -> None:
+    sinr_db = np.array([[[0.0, 2.0, 4.0, 6.0]]])
+    extra = {"sinr_spread_db": np.full(sinr_db.shape, 1.5), "rsrp_dbm": np.full((1, *sinr_db.shape), -80.0)}
+    axes = {"x_m": 20.0 * np.arange(4), "y_m": [0.0], "z_m": [30.0]}
+    simulated = make_map(sinr_db, **axes, source="test", optional=extra, sectors={"sector_name": ["a"]})
+    result = calibrate(simulated, build([[[10.0, 10.0, 14.0, 14.0]]]))
+    assert "rsrp_dbm" not in result.radio_map
+    np.testing.assert_allclose(result.radio_map["sinr_spread_db"], 1.5 * result.spread_factor, rtol=1e-6)
+    assert "rsrp_dbm" in simulated
+    np.testing.assert_array_equal(simulated["sinr_spread_db"], 1.5)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from cellpilot.errors import InputError
-from cellpilot.maps import RadioMap, make_map
+from cellpilot.maps import Anchor, RadioMap, make_map
 from cellpilot.maps.compare import compared
 
 NAN = np.nan
+HERE, THERE = Anchor(47.0, 8.0), Anchor(47.0001, 8.0001)
 A_DB = [[[0.0, 2.0, 4.0], [6.0, NAN, 3.0]], [[1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]]
 B_DB = [[[1.0, 2.0, 1.0], [8.0, 5.0, NAN]], [[3.0, 3.0, 3.0], [3.0, 3.0, 9.0]]]
 
@@ -74,3 +75,14 @@ def test_other_grids_are_refused_in_one_line(other: RadioMap, message: str) -> N
 
 def test_less_than_a_millimetre_is_no_difference() -> None:
     assert compared(build(A_DB), build(B_DB, x0_m=0.0005), 3.0)[-1].cells == 10
+
+
+def test_equal_metres_in_other_places_are_other_grids() -> None:
+    here, there = (
+        make_map(np.zeros((1, 1, 2)), x_m=[0, 20], y_m=[0], z_m=[30], source="test", anchor=anchor) for anchor in (HERE, THERE)
+    )
+    assert compared(here, here, 3.0)[0].cells == 2
+    with pytest.raises(InputError, match=r"x = y = 0 lies 1\d\.\d+ m apart in A and B"):
+        compared(here, there, 3.0)
+    nowhere = make_map(np.zeros((1, 1, 2)), x_m=[0, 20], y_m=[0], z_m=[30], source="test")
+    assert compared(here, nowhere, 3.0)[0].cells == 2

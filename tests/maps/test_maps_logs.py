@@ -178,4 +178,6 @@ def test_the_days_of_a_log_that_dates_its_samples(tmp_path: Path) -> None:
     assert both.days == ("2026-03-01", "2026-11-25")
     undated = write(tmp_path / "three.csv", [lines[0], lines[1].replace("2026-11-25", "today"), *lines[2:]])
     assert read_log(undated)[1].days is None
+    impossible = write(tmp_path / "four.csv", [lines[0], *(line.replace("11-25", "02-30") for line in lines[1:])])
+    assert read_log(impossible)[1].days is None
     assert account_of(import_logs([one, undated], altitude_m=30.0)).days is None

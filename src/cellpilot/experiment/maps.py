@@ -98,7 +98,7 @@ def holdout_of(
 
 
 def layout_warning(deployment: "Deployment", settings: SimulatedMap, tolerated_db: float = 1.0) -> str | None:
-    """A sentence if a regular layout lacks outer rings: how much too good it is, in the mean of the highest level.
+    """A sentence if a regular layout lacks outer rings: how much too good its SINR is at the highest level.
 
     The layout is compared with one whose rings reach 5 km farther, on 5 x 5 places over the area.
     """

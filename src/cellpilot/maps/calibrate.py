@@ -39,7 +39,8 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
 
     Measured cells are looked up in the simulation by linear interpolation; those outside it do not count. Both need an
     anchor, or both none. `sinr_std_db` of the result is the root mean square error that is left: what the simulation does
-    not know. Offset, factor, and the fit before and after are kept in the attributes. `InputError` for fewer than 3 cells in
+    not know. Its spread within cells is stretched too; the received power of every sector is left out. Offset, factor, and
+    the fit before and after are kept in the attributes. `InputError` for fewer than 3 cells in
     common or a simulation without any spread.
     """
     known = measured_cells(measured)
@@ -57,7 +58,10 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
     mean_db, offset_db = float(predicted_db.mean()), float(truth_db.mean() - predicted_db.mean())
     adjusted = lambda sinr_db: mean_db + factor * (sinr_db - mean_db) + offset_db
     before, after = (_fit(values, truth_db) for values in (predicted_db, adjusted(predicted_db)))
-    result = simulated.copy(deep=True)
+    # Stretched SINR is no longer that of these powers.
+    result = simulated.drop_vars("rsrp_dbm", errors="ignore").copy(deep=True)
+    if "sinr_spread_db" in result:
+        result["sinr_spread_db"].values *= np.float32(factor)
     sinr_db = adjusted(result["sinr_db"].values.astype(np.float64))
     result["sinr_db"].values = sinr_db.astype(np.float32)
     result["sinr_std_db"].values = np.full(sinr_db.shape, after.rmse_db, np.float32)

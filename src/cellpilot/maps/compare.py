@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
-from cellpilot.maps.schema import RadioMap
+from cellpilot.maps.geodesy import to_local
+from cellpilot.maps.schema import RadioMap, anchor_of
 
 
 class Comparison(NamedTuple):
@@ -29,7 +30,15 @@ def compared(a: RadioMap, b: RadioMap, threshold_db: float, name_a: str = "A", n
 
 
 def check_one_grid(a: RadioMap, b: RadioMap, name_a: str, name_b: str) -> None:
-    """`InputError` unless both maps have the same cell centres, to a millimetre."""
+    """`InputError` unless both maps have the same cell centres, to a millimetre, and the same anchor, if both have one."""
+    here, there = anchor_of(a), anchor_of(b)
+    if here is not None and there is not None:
+        x_m, y_m = to_local(here.latitude_deg, here.longitude_deg, there)
+        if np.hypot(x_m, y_m) > 1e-3:
+            raise InputError(
+                f"the grids differ: x = y = 0 lies {np.hypot(x_m, y_m):,.3f} m apart in {name_a} and {name_b};"
+                " expected the same cells: simulate or import one map with the other's anchor"
+            )
     for axis in "xyz":
         left, right = a[axis].values, b[axis].values
         if left.shape != right.shape or np.abs(left - right).max() > 1e-3:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 from cellpilot.errors import InputError
@@ -52,7 +53,8 @@ def load_map(path: str | Path) -> RadioMap:
     return read(path)
 
 
-def _module(path: Path):  # type: ignore[no-untyped-def]  # a module of formats/: read(path) and write(map, path)
+def _module(path: Path) -> ModuleType:
+    """A module of `formats/`, with `read(path)` and `write(map, path)`."""
     found = FORMATS.get(path.suffix.lower())
     if found is None:
         known = ", ".join(f"{suffix} ({f.name})" for suffix, f in FORMATS.items())

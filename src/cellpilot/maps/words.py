@@ -42,7 +42,8 @@ def _age(days: tuple[str, str] | None, today: date) -> str:
     if days is None:
         return "measured on days that the logs do not tell"
     first, last = days
-    return f"measured {first}{'' if last == first else f' to {last}'}, {(today - date.fromisoformat(last)).days} days ago"
+    age = (today - date.fromisoformat(last)).days
+    return f"measured {first}{'' if last == first else f' to {last}'}, {age} day{'' if age == 1 else 's'} ago"
 
 
 def _level(radio_map: RadioMap, iz: int, threshold_db: float) -> str:

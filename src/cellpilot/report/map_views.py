@@ -4,11 +4,13 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
+from cellpilot.grid import Grid
 from cellpilot.maps import RadioMap, grid_of
 from cellpilot.report.maps import mark_on_bar, sinr_map_figure
 from cellpilot.report.plane import (
@@ -139,16 +141,17 @@ def _draw_serving(radio_map: RadioMap) -> Figure:
         mesh.set_norm(BoundaryNorm(np.arange(n_colours + 1) - 0.5, n_colours))
         for sector in np.unique(serving[iz][serving[iz] >= 0]):
             _number_largest(axes, grid, serving[iz] == sector, int(sector))
+        draw_special_cells(axes, grid, radio_map, iz)
         draw_boresights(axes, radio_map, length_m)
         draw_sites(axes, sites)
         found = len(np.unique(serving[iz][serving[iz] >= 0]))
         axes.set_title(f"{grid.z_m[iz]:g} m: {found} serving sectors")
     draw_scale_and_north(panels[0], grid)
-    legend_below(figure, [site_handle()] if len(sites) else [], columns=3)
+    legend_below(figure, [*([site_handle()] if len(sites) else []), *special_handles(radio_map, heights)], columns=3)
     return figure
 
 
-def _number_largest(axes, grid, area: NDArray[np.bool_], sector: int) -> None:  # type: ignore[no-untyped-def]
+def _number_largest(axes: Axes, grid: Grid, area: NDArray[np.bool_], sector: int) -> None:
     """Write a sector's number into the largest connected piece of its area, if that has room for it."""
     from scipy.ndimage import label
 

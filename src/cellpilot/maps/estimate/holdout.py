@@ -18,7 +18,7 @@ INTERVAL_STD = 1.959964
 
 
 class HoldOut(NamedTuple):
-    """Errors of one method, means over the splits."""
+    """Errors of one method, means over the splits in which it says anything; NaN if there is none."""
 
     rmse_db: float
     mae_db: float
@@ -56,7 +56,13 @@ def block_holdout(
         for i, (name, method) in enumerate(methods.items()):
             rows[name].append(_errors(known, hidden, method(seen, known.points_m[hidden], known.prior_db[hidden])))
             progress((split + (i + 1) / len(methods)) / splits)
-    return {name: HoldOut(*np.mean(results, axis=0).tolist()) for name, results in rows.items()}
+    return {name: _mean(results) for name, results in rows.items()}
+
+
+def _mean(results: list[HoldOut]) -> HoldOut:
+    told = [result for result in results if result.answered] or results
+    rmse_db, mae_db, coverage, _ = np.mean(told, axis=0).tolist()
+    return HoldOut(rmse_db, mae_db, coverage, float(np.mean([result.answered for result in results])))
 
 
 def _errors(known: Known, hidden: NDArray[np.bool_], estimate: "tuple[FloatArray, FloatArray, float]") -> HoldOut:
@@ -65,6 +71,8 @@ def _errors(known: Known, hidden: NDArray[np.bool_], estimate: "tuple[FloatArray
     told = ~np.isnan(error_db)
     total_std_db = np.sqrt(std_db**2 + noise_std_db**2 / known.n_samples[hidden])
     within = np.abs(error_db[told]) <= INTERVAL_STD * total_std_db[told]
+    if not told.any():
+        return HoldOut(np.nan, np.nan, np.nan, 0.0)
     return HoldOut(
         float(np.sqrt(np.mean(error_db[told] ** 2))),
         float(np.abs(error_db[told]).mean()),

@@ -57,7 +57,7 @@ def _neighbourhoods(
     if not len(index):
         return
     middle = points[index].mean(axis=0)
-    distance, near = tree.query(middle, NEIGHBOURS)
+    distance, near = tree.query(middle, min(NEIGHBOURS, tree.n))
     if len(index) <= TARGETS and np.linalg.norm(points[index] - middle, axis=1).max() <= distance[-1] / 2:
         yield index, np.sort(near)
         return

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from dataclasses import dataclass
+from datetime import date
 from math import inf, isfinite, nan
 from pathlib import Path
 
@@ -120,8 +121,16 @@ def _sample(row: Row, f: LogFormat, options: LogOptions) -> tuple[object, ...] |
 
 def _days(times: list[str]) -> tuple[str, str] | None:
     found = [DAY.match(time) for time in times]
-    days = ["-".join(match.groups()) for match in found if match is not None]
-    return (min(days), max(days)) if days and len(days) == len(found) else None
+    days = {"-".join(match.groups()) for match in found if match is not None}
+    return (min(days), max(days)) if days and None not in found and all(map(_exists, days)) else None
+
+
+def _exists(day: str) -> bool:
+    try:
+        date.fromisoformat(day)
+    except ValueError:
+        return False
+    return True
 
 
 def _recognised(table: Table) -> LogFormat:
