@@ -72,8 +72,8 @@ def test_an_imported_log_keeps_its_account() -> None:
 @pytest.mark.parametrize(
     ("days", "text"),
     [
-        ([("2019-12-30", "2019-12-31"), ("2020-01-02", "2020-03-01")], "measured 2019-12-30 to 2020-03-01, 31 day ago"),
-        ([("2020-03-31", "2020-03-31")] * 2, "measured 2020-03-31, 1 days ago"),
+        ([("2019-12-30", "2019-12-31"), ("2020-01-02", "2020-03-01")], "measured 2019-12-30 to 2020-03-01, 31 days ago"),
+        ([("2020-03-31", "2020-03-31")] * 2, "measured 2020-03-31, 1 day ago"),
         ([("2020-03-31", "2020-03-31"), None], "measured on days that the logs do not tell"),
     ],
 )
