@@ -113,3 +113,32 @@ def test_finer_grids_shows_both_learners(monkeypatch: pytest.MonkeyPatch, capsys
     assert "looks 3 ahead" in lines[1]
     assert lines[1].split("score")[1] != lines[0].split("score")[1]  # looking ahead changes the policy of two rounds
     assert all("reached 100.00%" in line for line in lines[2:])
+
+
+def test_simulation_tells_size_time_and_memory(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    import simulation
+
+    found = simulation.point(0.0)
+    assert (found["cells"], found["sites"]) == (2000, 7)
+    assert 0.01 < found["peak_gb"] < 100
+    monkeypatch.setattr("sys.argv", ["simulation.py", "--sides-m", "2500", "--repeats", "1"])
+    simulation.main()
+    told = capsys.readouterr().out
+    assert "2.5 km x 2.5 km, one point a cell: 78,125 cells, 37 sites" in told
+
+
+def test_three_maps_shows_greedy_optimum_and_learners(capsys: pytest.CaptureFixture[str]) -> None:
+    import three_maps
+
+    from cellpilot.experiment import make_map
+    from cellpilot.scenario import PairLearnerSettings, Scenario, SimulatedMap
+    from cellpilot.world import World
+
+    learner = PairLearnerSettings(rounds=3, flights=8, updates_per_round=2, goals_per_round=4, cached_goals=16)
+    scenario = Scenario(learner=learner)
+    world = World.from_map(make_map(SimulatedMap(bin_m=100.0, points_per_side=2)))
+    three_maps.show("small", scenario, {"hasty": scenario}, world, 2)
+    rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines()]
+    assert [row[3].split(",")[0] for row in rows] == ["greedy", "optimum", "hasty"]
+    assert [row[-1].strip(" |") for row in rows[:2]] == ["0.000", "1.000"]
+    assert "(" in rows[2][-1]  # least to greatest of two seeds
