@@ -8,7 +8,8 @@ from pydantic import Field
 
 from cellpilot.cli.console import out
 from cellpilot.cli.options import parse
-from cellpilot.maps.sources.raytraced import missing_for_raytracing
+from cellpilot.errors import InputError
+from cellpilot.maps.sources.raytraced import try_raytracing
 from cellpilot.provenance import versions
 from cellpilot.scenario import SHIPPED, Settings
 
@@ -35,7 +36,6 @@ def main(arguments: Sequence[str]) -> int:
         "shipped policies": _policies,
     }
     failed = 0
-    missing = missing_for_raytracing()
     for name, check in checks.items():
         try:
             out.print(f"ok    {name}: {check()}")
@@ -43,7 +43,10 @@ def main(arguments: Sequence[str]) -> int:
             failed += 1
             out.print(f"FAIL  {name}: {type(error).__name__}: {error}")
     # An extra that nobody asked for is no failure.
-    out.print(f"--    ray tracing: {missing}" if missing else "ok    ray tracing: sionna-rt and LLVM are there")
+    try:
+        out.print(f"ok    ray tracing: {try_raytracing()}")
+    except InputError as error:
+        out.print(f"--    ray tracing: {error}")
     if options.verbose:
         for path in sorted(SHIPPED.glob("*.toml")):
             out.print(f"  scenario {path.stem}")

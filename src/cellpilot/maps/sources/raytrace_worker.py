@@ -88,7 +88,12 @@ def roof_heights_m(mi: Any, scene: Any, x_m: NDArray[np.float64], y_m: NDArray[n
 
 
 def _scene_file(rt: Any, name: str) -> Any:
-    return getattr(rt.scene, name) if hasattr(rt.scene, name) else name
+    if hasattr(rt.scene, name):
+        return getattr(rt.scene, name)
+    if not Path(name).is_file():
+        known = ", ".join(sorted(each for each in dir(rt.scene) if str(getattr(rt.scene, each)).endswith(".xml")))
+        raise SystemExit(f"no scene and no file {name!r}; expected a Mitsuba XML file or one of {known}")
+    return name
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from glob import glob
-from importlib.util import find_spec
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cellpilot.errors import InputError
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
-from cellpilot.radio import ColumnAntenna, Deployment, Interference
+from cellpilot.radio import ColumnAntenna, Deployment, Interference, hexagonal_deployment
 from cellpilot.units import to_db
 
 FloatArray = NDArray[np.float64]
@@ -46,12 +46,32 @@ class Rays:
 
 
 def missing_for_raytracing() -> str | None:
-    """What is missing for ray tracing and how to get it, in one sentence; None if all is there."""
-    if find_spec("sionna") is None or find_spec("sionna.rt") is None:
+    """What is missing for ray tracing and how to get it, in one sentence; None if all is there, as far as can be seen.
+
+    Sionna is not imported for it: with a wrong LLVM that ends the process.
+    """
+    try:
+        version("sionna-rt")
+    except PackageNotFoundError:
         return "the package sionna-rt is not installed: pip install 'cellpilot[raytrace]'"
-    if not os.environ.get(LLVM_VARIABLE) and _llvm() is None:
+    library = _llvm()
+    if library is None:
         return f"no LLVM library of version 19 or newer: apt-get install libllvm19, or set {LLVM_VARIABLE} to libLLVM.so"
+    if not Path(library).is_file():
+        return f"{LLVM_VARIABLE} is {library}: no such file; set it to libLLVM.so of version 19 or newer, or unset it"
     return None
+
+
+def try_raytracing() -> str:
+    """What Sionna RT runs on here, after one sector was traced in a small box; `InputError` if that fails."""
+    missing = missing_for_raytracing()
+    if missing:
+        raise InputError(missing)
+    deployment, axis_m = hexagonal_deployment(rings=0, boresights_deg=(0.0,)), np.array([-1.0, 1.0])
+    request = _request(deployment, "box", axis_m, axis_m, (1.5,), Rays(rays=1_000, reflections=1))
+    with tempfile.TemporaryDirectory() as folder:
+        _run(request, Path(folder), lambda share: None)
+    return f"sionna-rt {version('sionna-rt')} on {_llvm()}"
 
 
 def raytrace_map(
@@ -178,14 +198,12 @@ def _request(
 
 
 def _run(request: dict[str, Any], folder: Path, progress: Callable[[float], None]) -> dict[str, FloatArray]:
-    """Run the worker and read its result; `InputError` with what it said last if it fails or is ended by a signal."""
-    question, answer, complaints = folder / "request.json", folder / "result.npz", folder / "stderr"
+    """Let the worker trace and read its result; `InputError` with what it said last if it fails or is ended by a signal."""
+    question, answer = folder / "request.json", folder / "result.npz"
     question.write_text(json.dumps(request))
-    environment = dict(os.environ)
-    found = _llvm()
-    if not environment.get(LLVM_VARIABLE) and found is not None:
-        environment[LLVM_VARIABLE] = found
+    complaints, library = folder / "stderr", str(_llvm())
     command = [sys.executable, "-m", "cellpilot.maps.sources.raytrace_worker", str(question), str(answer)]
+    environment = os.environ | {LLVM_VARIABLE: library}
     with (
         complaints.open("w") as errors,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment) as worker,
@@ -194,15 +212,19 @@ def _run(request: dict[str, Any], folder: Path, progress: Callable[[float], None
         for line in worker.stdout:
             if line.startswith("progress "):
                 progress(float(line.split()[1]))
-    if worker.returncode != 0 or not answer.exists():
-        said = [line for line in complaints.read_text(errors="replace").splitlines() if line.strip()]
-        how = f"ended by signal {-worker.returncode}" if worker.returncode < 0 else f"exit code {worker.returncode}"
+    if worker.returncode < 0:
         raise InputError(
-            f"ray tracing failed ({how}): {said[-1] if said else 'it said nothing; is the LLVM library version 19 or newer?'}"
+            f"ray tracing was ended by signal {-worker.returncode}: is {library} LLVM of version 19 or newer?"
+            f" (apt-get install libllvm19, or set {LLVM_VARIABLE})"
         )
+    if worker.returncode or not answer.exists():
+        said = [line for line in complaints.read_text(errors="replace").splitlines() if line.strip()]
+        raise InputError(f"ray tracing failed: {said[-1] if said else f'exit code {worker.returncode}'} (LLVM: {library})")
     with np.load(answer) as result:
         return {name: result[name] for name in result.files}
 
 
 def _llvm() -> str | None:
+    if os.environ.get(LLVM_VARIABLE):
+        return os.environ[LLVM_VARIABLE]
     return next((path for pattern in LLVM_PLACES for path in sorted(glob(pattern))), None)
