@@ -159,7 +159,8 @@ def test_what_is_missing_is_said_with_the_remedy(monkeypatch: pytest.MonkeyPatch
 
 
 def test_looking_for_sionna_does_not_import_it() -> None:
-    code = "from cellpilot.maps.sources import raytraced as r; import sys; r.missing_for_raytracing(); print('sionna' in sys.modules)"
+    code = "import sys; from cellpilot.maps.sources.raytraced import missing_for_raytracing; missing_for_raytracing()"
+    code += "; print('sionna' in sys.modules)"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout == "False\n"
 
