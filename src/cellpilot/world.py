@@ -17,11 +17,15 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
+UNHEARD_DBM = -156.0
+"""Lowest RSRP that a receiver reports [dBm]: 3GPP TS 36.133 clause 9.1.4. At or below it nothing is heard of a sector."""
+
+
 @dataclass(frozen=True)
 class SectorLevels:
     """What a drone would measure of every sector, `[sector, n_cells]`."""
 
-    rsrp_dbm: NDArray[np.float32]
+    rsrp_dbm: NDArray[np.float32]  # -156 where nothing is heard of it
     sinr_db: NDArray[np.float32]  # if that sector served
 
 
@@ -52,7 +56,10 @@ class World:
         std_db = np.nan_to_num(radio_map["sinr_std_db"].values.ravel()).astype(np.float32)
         serving = radio_map["serving_sector"].values.ravel().astype(np.int32) if "serving_sector" in radio_map else None
         known = sector_levels(radio_map)
-        levels = None if known is None else SectorLevels(*(values.astype(np.float32) for values in known))
+        levels = None
+        if known is not None:
+            rsrp_dbm = np.nan_to_num(known[0], nan=UNHEARD_DBM, neginf=UNHEARD_DBM).clip(UNHEARD_DBM)
+            levels = SectorLevels(rsrp_dbm.astype(np.float32), known[1].astype(np.float32))
         sinr_db = np.where(np.isnan(sinr_db) & ~blocked, -np.inf, sinr_db)
         return cls(grid, sinr_db, std_db, noise_std_db, blocked, serving, levels)
 

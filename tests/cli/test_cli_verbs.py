@@ -37,6 +37,7 @@ METRICS = {
     "longest_outage_p90_s",
     "handovers_per_km",
     "ping_pong_share",
+    "links_lost_per_km",
     "serving_loss_mean_db",
     "altitude_share",
 }

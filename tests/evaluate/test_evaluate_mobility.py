@@ -53,7 +53,7 @@ def test_one_handover_at_the_moment_it_is_due() -> None:
     # Over 2 s sector 1 rises from 10 below to 10 above: 3 dB ahead after 1.3 s, handed over at 1.556 s, within the step.
     world = corridor(np.array([[-80.0, -90.0, -90.0], [-90.0, -80.0, -80.0]]))
     found = ride_along(world, RULE, [0, 1, 2])
-    assert (found.handovers, found.ping_pongs, found.distance_m, found.followed_steps) == (1, 0, 40.0, 2)
+    assert (found.handovers, found.ping_pongs, found.followed_m, found.linked_steps, found.links_lost) == (1, 0, 40.0, 2, 0)
     assert found.lost_db == 0.0
     # With a time to trigger of 0.8 s it comes in the second step: at cell 1 the old sector still serves, 10 dB below.
     late = ride_along(world, HandoverRule(time_to_trigger_s=0.8), [0, 1, 2])
@@ -99,18 +99,37 @@ def _left(world: World, path: list[int], handovers: list[tuple[float, int]]) -> 
     return [int(world.levels.rsrp_dbm[:, path[0]].argmax()), *(sector for _, sector in handovers)][:-1]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_without_hysteresis_and_delay_the_strongest_serves(seed: int) -> None:
+    world = corridor(np.random.default_rng(seed).normal(-85.0, 6.0, (5, 12)))
+    found = ride_along(world, HandoverRule(hysteresis_db=0.0, time_to_trigger_s=0.0), [*range(12)])
+    assert world.levels is not None
+    along = np.linspace(0.0, 11.0, 110_001)
+    strongest = np.stack([np.interp(along, np.arange(12), sector) for sector in world.levels.rsrp_dbm]).argmax(axis=0)
+    assert found.handovers == (np.diff(strongest) != 0).sum() > 0
+    assert found.lost_db == 0.0
+
+
+def test_a_sector_that_is_heard_no_more_is_a_lost_link() -> None:
+    # Sector 0 ends at cell 1; within the step the neighbour was not ahead for long enough.
+    world = corridor(np.array([[-80.0, -156.0, -156.0, -80.0], [-90.0, -90.0, -90.0, -90.0]]))
+    found = ride_along(world, HandoverRule(time_to_trigger_s=5.0), [0, 1, 2, 3])
+    assert (found.links_lost, found.handovers, found.linked_steps) == (1, 0, 2)
+    assert found.lost_db == 10.0  # in cell 3, where sector 0 is back and sector 1 still serves
+
+
 def test_outages_in_seconds_and_flights_side_by_side() -> None:
     world = corridor(np.array([[-80.0] * 5, [-90.0] * 5]))
     alone = ride_along(world, RULE, [0, 1, 2, 3, 4], low={2, 3})
     assert alone.outages_s.tolist() == [4.0]
     stopped = ride_along(world, RULE, [0, 0, 1], low={0})  # a stopped step takes time but no way
-    assert (stopped.outages_s.tolist(), stopped.distance_m) == ([2.0], 20.0)
+    assert (stopped.outages_s.tolist(), stopped.followed_m) == ([2.0], 20.0)
     ride = Ride(world, RULE, np.array([0, 4]))
     ride.step(np.array([0, 1]), np.array([0, 4]), np.array([1, 3]), np.array([True, False]))
     ride.step(np.array([1]), np.array([3]), np.array([2]), np.array([True]))
     assert ride.mobility.outages_s.tolist() == [2.0, 2.0]
     both = alone + ride.mobility
-    assert (both.distance_m, both.outages_s.tolist()) == (140.0, [4.0, 2.0, 2.0])
+    assert (both.followed_m, both.outages_s.tolist()) == (140.0, [4.0, 2.0, 2.0])
 
 
 def test_metrics_of_mobility() -> None:
@@ -118,7 +137,7 @@ def test_metrics_of_mobility() -> None:
         nothing = Summary(1.0, np.zeros((2, 2)), 1.0, 0.0, 0.0, np.ones(1), np.ones(3), np.ones(1), mobility)
         return METRICS[name].compute(nothing)
 
-    flown = Mobility(2000.0, 1000.0, 6, 3, 50, 25.0, np.arange(11.0))
-    names = ("handovers_per_km", "ping_pong_share", "serving_loss_mean_db", "longest_outage_p90_s")
-    assert [metric(name, flown) for name in names] == [6.0, 0.5, 0.5, 9.0]
-    assert [metric(name, Mobility()) for name in names] == [None] * 4
+    flown = Mobility(1000.0, 6, 3, 2, 50, 25.0, np.arange(11.0))
+    names = ("handovers_per_km", "ping_pong_share", "links_lost_per_km", "serving_loss_mean_db", "longest_outage_p90_s")
+    assert [metric(name, flown) for name in names] == [6.0, 0.5, 2.0, 0.5, 9.0]
+    assert [metric(name, Mobility()) for name in names] == [None] * 5

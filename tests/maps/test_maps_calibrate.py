@@ -137,3 +137,8 @@ def test_what_a_stretched_sinr_no_longer_fits_is_stretched_or_left_out() -> None
     np.testing.assert_allclose(result.radio_map["sinr_spread_db"], 1.5 * result.spread_factor, rtol=1e-6)
     assert "rsrp_dbm" in simulated
     np.testing.assert_array_equal(simulated["sinr_spread_db"], 1.5)
+
+
+def test_measurements_without_spread_are_refused() -> None:
+    with pytest.raises(InputError, match="all measured cells have the same SINR"):
+        calibrate(build([[[0.0, 2.0, 4.0, 6.0]]]), build([[[10.0] * 4]]))

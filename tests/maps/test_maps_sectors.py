@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cellpilot.maps import make_map, simulate_map
-from cellpilot.maps.sectors import UNHEARD_DBM, sector_levels
+from cellpilot.maps.sectors import sector_levels
 from cellpilot.maps.sources import simulated
 from cellpilot.radio import hexagonal_deployment, received_power_dbm
-from cellpilot.world import World
+from cellpilot.world import UNHEARD_DBM, World
 
 DEPLOYMENT = hexagonal_deployment(rings=0)
 AREA = {"x_range_m": (-40.0, 40.0), "y_range_m": (-60.0, 60.0), "heights_m": (30.0, 60.0)}
@@ -61,7 +61,10 @@ def test_an_unheard_sector_is_far_below_the_others() -> None:
     radio_map.attrs["noise_figure_db"] = 9.0
     found = sector_levels(radio_map)
     assert found is not None
-    assert found[0][1].tolist() == [UNHEARD_DBM, -85.0]
+    assert found[0][1].tolist() == [-np.inf, -85.0]
+    levels = World.from_map(radio_map).levels
+    assert levels is not None
+    assert levels.rsrp_dbm[1].tolist() == [UNHEARD_DBM, -85.0]
     noise_dbm = -95.0 - 10 * np.log10(600)
     assert found[1][0, 0] == pytest.approx(-80.0 - noise_dbm, abs=1e-6)
     assert found[1][0, 1] == pytest.approx(-90.0 - 10 * np.log10(10**-8.5 + 10 ** (noise_dbm / 10)), abs=1e-6)

@@ -87,3 +87,24 @@ def test_files_that_differ_are_refused(tmp_path: Path, gain: np.ndarray) -> None
         read_sionna([tmp_path / "text.npz"])
     with pytest.raises(InputError, match=r"gone\.npz: cannot be read"):
         read_sionna([tmp_path / "gone.npz"])
+
+
+def test_a_file_that_ends_too_early_and_arrays_that_are_not_asked_for(tmp_path: Path, gain: np.ndarray) -> None:
+    whole = save(tmp_path / "whole.npz", path_gain=gain, name=np.array("30 m"))
+    assert read_sionna([whole])["sinr_db"].size == 6
+    (tmp_path / "half.npz").write_bytes(whole.read_bytes()[:100])
+    (tmp_path / "empty.npz").write_bytes(b"")
+    for name in ("half", "empty"):
+        with pytest.raises(InputError, match=rf"{name}\.npz: cannot be read as arrays"):
+            read_sionna([tmp_path / f"{name}.npz"])
+    with pytest.raises(InputError, match=r"inf\.npz: array 'path_gain' has values below 0, infinite"):
+        read_sionna([save(tmp_path / "inf.npz", path_gain=np.full(gain.shape, np.inf))])
+    with pytest.raises(InputError, match="rising x and y"):
+        read_sionna([save(tmp_path / "down.npz", path_gain=gain, cell_centers=centres(30.0)[::-1])])
+
+
+def test_what_of_the_receiver_has_no_effect_is_refused(tmp_path: Path, gain: np.ndarray) -> None:
+    with pytest.raises(InputError, match=r"a\.npz: array 'rss' leaves power_dbm of the receiver without effect"):
+        read_sionna([save(tmp_path / "a.npz", rss=gain)], Receiver(power_dbm=40.0))
+    with pytest.raises(InputError, match=r"b\.npz: array 'sinr' leaves load"):
+        read_sionna([save(tmp_path / "b.npz", sinr=gain)], Receiver(load=0.5))

@@ -356,3 +356,12 @@ def test_the_rings_of_an_antenna_are_labelled_with_its_gain() -> None:
         assert [label.get_text() for label in axes.get_yticklabels()] == ["-22", "-12", "-2", "5"]
         assert axes.get_rmin() == pytest.approx(-32.0)  # type: ignore[attr-defined]
         assert not [text for text in axes.findobj(Text) if text.get_text() and text.get_fontsize() < 8]
+
+
+@pytest.mark.parametrize("what", ["sinr", "probability", "cdf", "count"])
+def test_a_map_that_knows_nothing_is_no_picture(what: str) -> None:
+    nothing = make_map(np.full((1, 2, 3), np.nan), x_m=[0, 20, 40], y_m=[0, 20], z_m=[30], source="test", unknown="bad")
+    with pytest.raises(InputError, match="knows the SINR of no cell"):
+        draw_map(nothing, what, 3.0)
+    with pytest.raises(InputError, match="knows the SINR of no cell"):
+        draw_comparison(nothing, nothing, ("a", "b"), 3.0)

@@ -166,8 +166,8 @@ def command_line() -> str:
     return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
-def refuse_idle(options: Settings, names: Sequence[str], why: str) -> None:
-    """`InputError` if one of the named options was given, although it would do nothing."""
+def refuse_idle(options: Settings, names: Sequence[str], why: str, section: str = "") -> None:
+    """`InputError` if one of the named options of a section (`map.`) was given, although it would do nothing."""
     for name in names:
         if getattr(options, name) != type(options).model_fields[name].default:
-            raise InputError(f"--{name.replace('_', '-')} {why}: leave it out")
+            raise InputError(f"--{section}{name.replace('_', '-')} {why}: leave it out")

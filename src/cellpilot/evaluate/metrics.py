@@ -97,7 +97,13 @@ def ping_pong_share(summary: Summary) -> float | None:
 def serving_loss_mean_db(summary: Summary) -> float | None:
     """Mean over steps of the best sector's SINR minus the serving sector's [dB], in the cell that is entered."""
     mobility = summary.mobility
-    return mobility.lost_db / mobility.followed_steps if mobility.followed_steps else None
+    return mobility.lost_db / mobility.linked_steps if mobility.linked_steps else None
+
+
+def links_lost_per_km(summary: Summary) -> float | None:
+    """Cells entered per kilometre in which nothing is heard of the serving sector; None where the map does not know them."""
+    mobility = summary.mobility
+    return 1000.0 * mobility.links_lost / mobility.followed_m if mobility.followed_m else None
 
 
 @dataclass(frozen=True)
@@ -121,6 +127,7 @@ METRICS: dict[str, Metric] = {
     "longest_outage_p90_s": Metric(longest_outage_p90_s, "longest outage p90 (s)", "number"),
     "handovers_per_km": Metric(handovers_per_km, "handovers per km", "number"),
     "ping_pong_share": Metric(ping_pong_share, "ping-pong", "percent"),
+    "links_lost_per_km": Metric(links_lost_per_km, "links lost per km", "number"),
     "serving_loss_mean_db": Metric(serving_loss_mean_db, "below best sector (dB)", "number"),
     "altitude_share": Metric(altitude_share, "share of steps by height", "list"),
     "rf_class_share": Metric(rf_class_share, "RF class shares", "list"),

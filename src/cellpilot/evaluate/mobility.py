@@ -2,23 +2,27 @@
 
 Between the centres of two cells the RSRP of every sector runs straight in dB, so that the moment a neighbour has been
 stronger by the hysteresis for the time to trigger follows without sampling. The SINR lost to a serving sector that is not
-the best one counts like every other figure: in the cell that is entered. Handovers take no time and never fail.
+the best one counts like every other figure: in the cell that is entered. Handovers take no time and never fail; a drone
+that enters a cell in which nothing is heard of its sector has lost the link, and begins anew on the strongest one.
 
 Sources: event A3 and time to trigger, 3GPP TS 36.331 clauses 5.5.4.4 and 6.3.5; ping-pong, a return within the minimum
 time of stay of 1 s, 3GPP TR 36.839 clause 5.6.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.evaluate.statistics import weighted_quantile
 from cellpilot.grid import IntArray
-from cellpilot.world import World
+from cellpilot.world import UNHEARD_DBM, World
 
 FloatArray = NDArray[np.float64]
 NEVER = np.inf
+AHEAD_DB = 1e-9
+"""Two sectors that cross are equally strong but for rounding: neither is ahead."""
 
 
 @dataclass(frozen=True)
@@ -35,24 +39,17 @@ class HandoverRule:
 class Mobility:
     """Sums over flights; `+` joins two sets of flights. Handovers count only where every sector is known."""
 
-    distance_m: float = 0.0
-    followed_m: float = 0.0  # of it with the level of every sector known
+    followed_m: float = 0.0  # flown with the level of every sector known
     handovers: int = 0
     ping_pongs: int = 0
-    followed_steps: int = 0
-    lost_db: float = 0.0  # sum over these steps of best-server SINR minus serving-sector SINR
+    links_lost: int = 0  # cells entered in which nothing is heard of the serving sector
+    linked_steps: int = 0  # all others
+    lost_db: float = 0.0  # sum over these of best-server SINR minus serving-sector SINR
     outages_s: FloatArray = field(default_factory=lambda: np.empty(0))  # [flights] longest time below the threshold
 
     def __add__(self, other: "Mobility") -> "Mobility":
-        return Mobility(
-            self.distance_m + other.distance_m,
-            self.followed_m + other.followed_m,
-            self.handovers + other.handovers,
-            self.ping_pongs + other.ping_pongs,
-            self.followed_steps + other.followed_steps,
-            self.lost_db + other.lost_db,
-            np.concatenate([self.outages_s, other.outages_s]),
-        )
+        sums: dict[str, Any] = {f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)[:-1]}
+        return Mobility(**sums, outages_s=np.concatenate([self.outages_s, other.outages_s]))
 
     @property
     def longest_outage_p90_s(self) -> float | None:
@@ -69,20 +66,16 @@ class Ride:
         self._place_m = world.grid.metres(np.arange(world.grid.n_cells))  # [n_cells, 3]
         self._stay_m = min(np.diff(axis).min() for axis in (world.grid.x_m, world.grid.y_m, world.grid.z_m) if len(axis) > 1)
         self._outage_s, self._longest_s = np.zeros(n), np.zeros(n)
-        self._distance_m, self._steps, self._handovers, self._ping_pongs, self._lost_db = 0.0, 0, 0, 0, 0.0
+        self._sums = Mobility()
         if world.levels is not None:
-            self._serving = world.levels.rsrp_dbm[:, start].argmax(axis=0)
-            self._previous = np.full(n, -1)
-            self._since_handover_s = np.full(n, NEVER)
-            self._held_s = np.zeros((world.levels.rsrp_dbm.shape[0], n))  # how long each neighbour has been stronger
+            self._serving, self._previous, self._since_handover_s = np.empty(n, np.intp), np.empty(n, np.intp), np.empty(n)
+            self._held_s = np.empty((len(world.levels.rsrp_dbm), n))  # how long each neighbour has been stronger
+            self._connect(np.arange(n), world.levels.rsrp_dbm[:, start])
 
     @property
     def mobility(self) -> Mobility:
         """What happened so far."""
-        followed_m = 0.0 if self._world.levels is None else self._distance_m
-        return Mobility(
-            self._distance_m, followed_m, self._handovers, self._ping_pongs, self._steps, self._lost_db, self._longest_s.copy()
-        )
+        return replace(self._sums, outages_s=self._longest_s.copy())
 
     def step(self, flight: IntArray, cell: IntArray, next_cell: IntArray, low: NDArray[np.bool_]) -> None:
         """One step of the numbered flights `[n]`; `low`: the SINR measured in the cell entered is below the threshold.
@@ -91,16 +84,25 @@ class Ride:
         """
         length_m = np.linalg.norm(self._place_m[next_cell] - self._place_m[cell], axis=-1)
         time_s = np.where(length_m > 0, length_m, self._stay_m) / self._rule.speed_mps
-        self._distance_m += float(length_m.sum())
         self._outage_s[flight] = np.where(low, self._outage_s[flight] + time_s, 0.0)
         self._longest_s[flight] = np.maximum(self._longest_s[flight], self._outage_s[flight])
         levels = self._world.levels
         if levels is None:
             return
         self._hand_over(flight, levels.rsrp_dbm[:, cell].astype(float), levels.rsrp_dbm[:, next_cell].astype(float), time_s)
-        here_db = levels.sinr_db[:, next_cell]
-        self._lost_db += float((here_db.max(axis=0) - here_db[self._serving[flight], np.arange(len(flight))]).sum())
-        self._steps += len(flight)
+        here_dbm, here_db = levels.rsrp_dbm[:, next_cell], levels.sinr_db[:, next_cell]
+        serving = self._serving[flight]
+        heard = here_dbm[serving, np.arange(len(flight))] > UNHEARD_DBM
+        lost_db = here_db.max(axis=0) - here_db[serving, np.arange(len(flight))]
+        self._sums += Mobility(float(length_m.sum()), 0, 0, int((~heard).sum()), int(heard.sum()), float(lost_db[heard].sum()))
+        self._connect(flight[~heard], here_dbm[:, ~heard])
+
+    def _connect(self, flight: IntArray, rsrp_dbm: NDArray[np.floating]) -> None:
+        """A drone without a link begins anew on the strongest sector of `rsrp_dbm [sector, n]`."""
+        self._serving[flight] = rsrp_dbm.argmax(axis=0)
+        self._previous[flight] = -1
+        self._since_handover_s[flight] = NEVER
+        self._held_s[:, flight] = 0.0
 
     def _hand_over(self, flight: IntArray, begin_dbm: FloatArray, end_dbm: FloatArray, time_s: FloatArray) -> None:
         """All handovers of a step: RSRP `[sector, n]` runs straight from `begin_dbm` to `end_dbm` within `time_s [n]`."""
@@ -116,8 +118,8 @@ class Ride:
             ahead_now = ahead_begin + (ahead_end - ahead_begin) * since_s / length_s
             with np.errstate(divide="ignore", invalid="ignore"):
                 crossing_s = length_s * ahead_begin / (ahead_begin - ahead_end)
-            entered_s = np.where(ahead_now > 0, since_s - self._held_s[:, who], np.where(ahead_end > 0, crossing_s, NEVER))
-            left_s = np.where(ahead_end > 0, length_s, np.where(ahead_now > 0, crossing_s, -NEVER))
+            entered_s = np.where(ahead_now > AHEAD_DB, since_s - self._held_s[:, who], np.where(ahead_end > 0, crossing_s, NEVER))
+            left_s = np.where(ahead_end > 0, length_s, np.where(ahead_now > AHEAD_DB, crossing_s, -NEVER))
             trigger_s = entered_s + self._rule.time_to_trigger_s
             trigger_s = np.where(trigger_s <= left_s, trigger_s, NEVER)
             first_s = trigger_s.min(axis=0)
@@ -128,8 +130,8 @@ class Ride:
             target = np.where(trigger_s <= first_s, at_dbm, -NEVER).argmax(axis=0)
             some, who, at_s, target = some[fires], who[fires], at_s[fires], target[fires]
             stayed_s = self._since_handover_s[who] + at_s - since_s[fires]
-            self._handovers += len(who)
-            self._ping_pongs += int(((target == self._previous[who]) & (stayed_s < self._rule.ping_pong_s)).sum())
+            ping_pongs = (target == self._previous[who]) & (stayed_s < self._rule.ping_pong_s)
+            self._sums += Mobility(handovers=len(who), ping_pongs=int(ping_pongs.sum()))
             self._previous[who], self._serving[who] = self._serving[who], target
             self._since_handover_s[who] = 0.0
             self._held_s[:, who] = 0.0

@@ -128,7 +128,12 @@ def log_options(settings: LogSettings) -> "LogOptions":
 
     log_format = None
     if settings.columns is not None:
-        log_format = named_columns(settings.columns, settings.altitude_unit, settings.altitude_reference)
+        log_format = named_columns(
+            settings.columns,
+            settings.altitude_unit,
+            settings.altitude_reference,
+            height_stated=settings.altitude_m is not None,
+        )
     return LogOptions(format=log_format, max_accuracy_m=settings.max_accuracy_m, max_age_s=settings.max_age_s)
 
 

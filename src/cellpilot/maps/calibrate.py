@@ -41,7 +41,7 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
     anchor, or both none. `sinr_std_db` of the result is the root mean square error that is left: what the simulation does
     not know. Its spread within cells is stretched too; the received power of every sector is left out. Offset, factor, and
     the fit before and after are kept in the attributes. `InputError` for fewer than 3 cells in
-    common or a simulation without any spread.
+    common, or a simulation or measurements without any spread.
     """
     known = measured_cells(measured)
     predicted_db = _look_up(simulated, _local_to(simulated, measured, known.points_m))
@@ -54,6 +54,8 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
     predicted_db, truth_db = predicted_db[inside], known.mean_db[inside]
     if predicted_db.std() == 0:
         raise InputError("the simulation has the same SINR in all measured cells: there is no spread to fit")
+    if truth_db.std() == 0:
+        raise InputError("all measured cells have the same SINR: there is no spread to fit the simulation to")
     factor = float(truth_db.std() / predicted_db.std())
     mean_db, offset_db = float(predicted_db.mean()), float(truth_db.mean() - predicted_db.mean())
     adjusted = lambda sinr_db: mean_db + factor * (sinr_db - mean_db) + offset_db

@@ -10,9 +10,6 @@ from cellpilot.radio import Deployment, Interference
 
 FloatArray = NDArray[np.float64]
 
-UNHEARD_DBM = -200.0
-"""RSRP of a sector that no ray reaches, where powers are compared."""
-
 NOISE_FIGURE = "noise_figure_db"
 """Attribute of a map with the received power of every sector."""
 
@@ -39,12 +36,13 @@ def sectors_of(deployment: Deployment, names: Sequence[str] | None = None) -> di
 def sector_levels(radio_map: RadioMap) -> tuple[FloatArray, FloatArray] | None:
     """RSRP [dBm] and SINR [dB], had that sector served, `[sector, cell]` in the order of `Grid.cell`.
 
-    None for a map without the received power of every sector, its carrier, bandwidth and load, and the noise figure.
+    Minus infinity of a sector that no ray reaches. None for a map without the received power of every sector, its carrier,
+    bandwidth and load, and the noise figure.
     """
     if "rsrp_dbm" not in radio_map or NOISE_FIGURE not in radio_map.attrs or any(name not in radio_map.coords for name in NEEDED):
         return None
     rsrp_dbm = radio_map["rsrp_dbm"].values.reshape(radio_map.sizes["sector"], -1).astype(np.float64)
-    rsrp_dbm = np.where(np.isnan(rsrp_dbm), UNHEARD_DBM, rsrp_dbm)
+    rsrp_dbm = np.where(np.isnan(rsrp_dbm), -np.inf, rsrp_dbm)
     carrier_hz, bandwidth_hz, load = (radio_map[name].values for name in NEEDED)
     interference = Interference.of(carrier_hz, bandwidth_hz, load, float(radio_map.attrs[NOISE_FIGURE]))
     return rsrp_dbm, interference.sinr_of_each_db(rsrp_dbm + interference.subcarriers_db[:, None])

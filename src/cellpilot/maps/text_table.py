@@ -1,8 +1,10 @@
 """Text files with one header line and separated columns, read so that every complaint names file, line and column."""
 
 import csv
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import nan
 from pathlib import Path
 
@@ -100,20 +102,26 @@ class Row:
         return InputError(f"{self.table.path}, line {self.line}: {text}")
 
 
-def open_table(path: Path, what: str) -> tuple[Table, Iterator[Row]]:
+def open_table(path: Path, what: str, header: Sequence[str] | None = None) -> tuple[Table, Iterator[Row]]:
     """The header of a file, and its further lines that are not blank; `what` is expected in it.
 
-    Columns are separated by comma, tab or semicolon, whichever the header has most of. Lines above the header that start
+    `header` names the columns of files that may come without a header line: a first line with anything but these names is
+    data. Columns are separated by comma, tab or semicolon, whichever the first line has most of. Lines above it that start
     with # are comments. `InputError` for a missing, empty or unreadable file.
     """
     if not path.is_file():
         raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}; expected a {what} (.csv)")
     lines = _lines(path)
     for line, fields in lines:
-        if not fields[0].lstrip().startswith("#"):
-            table = Table(path, line, tuple(name.strip() for name in fields))
-            return table, (Row(table, number, row) for number, row in lines)
-    raise InputError(f"{path}: the file is empty; expected a {what} with a header line")
+        if fields[0].lstrip().startswith("#"):
+            continue
+        names = tuple(name.strip() for name in fields)
+        if header is None or set(names) <= set(header):
+            table, below = Table(path, line, names), lines
+        else:
+            table, below = Table(path, line, tuple(header)), chain([(line, fields)], lines)
+        return table, (Row(table, number, row) for number, row in below)
+    raise InputError(f"{path}: the file is empty; expected a {what}" + ("" if header else " with a header line"))
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -128,8 +136,21 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
             for row in reader:
                 if any(field.strip() for field in row):
                     yield reader.line_num, row
-    except (UnicodeDecodeError, csv.Error) as error:
-        line = reader.line_num + 1 if reader else 1
+    except UnicodeDecodeError:
+        line, byte = _not_utf8(path)
+        raise InputError(
+            f"{path}, line {line}: not readable as text (the byte 0x{byte:02x} there is not UTF-8);"
+            " expected UTF-8 with separated columns: save it with that encoding"
+        ) from None
+    except csv.Error as error:
+        line = reader.line_num if reader else 1
         raise InputError(f"{path}, line {line}: not readable as text ({error}); expected UTF-8 with separated columns") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}): check the file and its permissions") from None
+
+
+def _not_utf8(path: Path) -> tuple[int, int]:
+    """Line and value of the first byte that is not UTF-8: text is decoded in blocks, far ahead of the line being read."""
+    data = path.read_bytes()
+    before = re.split("[\udc80-\udcff]", data.decode(errors="surrogateescape"), maxsplit=1)[0]
+    return len(re.findall(r"\r\n|\r|\n", before)) + 1, data[len(before.encode())]

@@ -16,7 +16,7 @@ def described(radio_map: RadioMap, threshold_db: float, today: date | None = Non
     """
     sides = " x ".join(str(radio_map.sizes[axis]) for axis in "xyz")
     steps = [float(np.diff(radio_map[axis].values[:2])[0]) for axis in "xy" if radio_map.sizes[axis] > 1]
-    origin = f"source {radio_map.attrs['source']}, {radio_map.attrs.get('model') or 'no model'}"
+    origin = f"source {radio_map.attrs.get('source') or 'unknown'}, {radio_map.attrs.get('model') or 'no model'}"
     yield f"{sides} cells of {' x '.join(f'{step:g}' for step in steps)} m, {origin}"
     anchor = anchor_of(radio_map)
     place = (

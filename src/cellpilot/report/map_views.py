@@ -57,6 +57,7 @@ class View(NamedTuple):
 
 def draw_map(radio_map: RadioMap, what: str, threshold_db: float, noise_std_db: float = 0.0) -> Figure:
     """The picture of one quantity of a map; `InputError` for one that the map does not have. Save it with `save_figure`."""
+    _check_known(radio_map)
     if what == "sinr":
         return sinr_map_figure(radio_map, threshold_db)
     with drawing_settings():
@@ -65,6 +66,11 @@ def draw_map(radio_map: RadioMap, what: str, threshold_db: float, noise_std_db: 
         if what == "serving":
             return _draw_serving(radio_map)
         return _draw_view(radio_map, VIEWS[what](radio_map, threshold_db, noise_std_db))
+
+
+def _check_known(radio_map: RadioMap) -> None:
+    if not np.isfinite(radio_map["sinr_db"].values).any():
+        raise InputError("the map knows the SINR of no cell: nothing to draw")
 
 
 def _probability(radio_map: RadioMap, threshold_db: float, noise_std_db: float) -> View:
@@ -100,6 +106,7 @@ def _draw_view(radio_map: RadioMap, view: View) -> Figure:
     for axes, iz in zip(panels, heights, strict=True):
         mesh = draw_cells(axes, grid, view.values[iz], view.colours, view.low, view.high)
         draw_special_cells(axes, grid, radio_map, iz)
+        draw_boresights(axes, radio_map, 0.08 * (grid.x_m[-1] - grid.x_m[0]))
         draw_sites(axes, sites)
         axes.set_title(f"{grid.z_m[iz]:g} m")
     draw_scale_and_north(panels[0], grid)
@@ -199,6 +206,8 @@ def _draw_cdf(radio_map: RadioMap, threshold_db: float) -> Figure:
 
 def draw_comparison(a: RadioMap, b: RadioMap, names: Sequence[str], threshold_db: float) -> Figure:
     """Both maps and B less A at each height (up to three); the threshold outlined."""
+    for each in (a, b):
+        _check_known(each)
     with drawing_settings():
         grid = grid_of(a)
         heights = chosen_heights(len(grid.z_m), at_most=3)

@@ -49,6 +49,8 @@ WORDS = {
     "handovers_per_km": "Handovers per kilometre of the sampled flights, after event A3: a neighbour has been stronger than the "
     "serving sector by the hysteresis for the time to trigger. Needs the received power of every sector in the map.",
     "ping_pong_share": "Share of handovers back to the sector left less than a second before.",
+    "links_lost_per_km": "Cells entered per kilometre in which nothing is heard of the serving sector, as behind a corner of a "
+    "ray-traced city; the drone begins anew on the strongest one.",
     "serving_loss_mean_db": "SINR of the best sector minus SINR of the serving one, mean over the cells entered by the sampled "
     "flights: what the delay of handovers costs.",
     "longest_outage_p90_steps": "Nine tenths of the flights are at most so many steps in a row below the threshold.",

@@ -94,6 +94,8 @@ class LogSettings(Settings):
         for name in ("altitude_unit", "altitude_reference"):
             if getattr(self, name) is not None and self.columns is None:
                 raise ValueError(f"{name} is for logs with named columns: name them in columns, or leave it out")
+        if self.fill_radius_m == 0 and self.fill != type(self).model_fields["fill"].default:
+            raise ValueError(f"fill is {self.fill}, but fill_radius_m is 0: nothing would be filled")
         if self.trend is None and self.trend_environment != type(self).model_fields["trend_environment"].default:
             raise ValueError("trend_environment is for a trend: give its site list, or leave it out")
         if self.trend is not None and self.fill != "gaussian-process":
@@ -110,7 +112,7 @@ class MeasuredMap(LogSettings):
 
 
 class MapFile(Settings):
-    """A radio map read from a NetCDF file."""
+    """A radio map read from a file: NetCDF, Zarr, GeoTIFF or CSV."""
 
     kind: Annotated[Literal["file"], tyro.conf.Suppress] = "file"
     path: Annotated[Path, Strict(False)] = Field(Path("map.nc"), description="RadioMap file (cellpilot map writes them)")

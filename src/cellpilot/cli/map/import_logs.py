@@ -44,10 +44,12 @@ def main(arguments: Sequence[str]) -> int:
     options = parse(ImportOptions, arguments, "cellpilot map import", "Grid measured logs into a map.")
     saved = [path for path in options.logs if path.suffix.lower() == SUFFIX]
     if saved:
-        idle = tuple(ImportOptions.model_fields.keys() - {"logs", "out", "receiver"})
+        idle = tuple(name for name in ImportOptions.model_fields if name not in ("logs", "out", "receiver"))
         refuse_idle(options, idle, "is for logs, not for saved Sionna maps (.npz)")
     else:
         refuse_idle(options, ("receiver",), "is for saved Sionna maps (.npz), not for logs")
+        if not options.holdout:
+            refuse_idle(options, ("holdout_bin_m", "holdout_block_m"), "is for --holdout")
     if saved and len(saved) < len(options.logs):
         raise InputError(f"{saved[0]} is a saved Sionna map, other files are logs: import them apart")
     if saved:
@@ -55,6 +57,8 @@ def main(arguments: Sequence[str]) -> int:
         blocked = radio_map["blocked"].values
         save_map(radio_map, options.out)
         out.print(f"{radio_map.attrs['model']}; {blocked.sum()} of {blocked.size} cells reached by no ray")
+        if "receiver" in radio_map.attrs:
+            out.print(radio_map.attrs["receiver"])
     else:
         with share_bar("fill") as progress:
             radio_map = make_measured_map(options, progress=progress)

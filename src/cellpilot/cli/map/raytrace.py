@@ -7,7 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from cellpilot.cli.console import out, share_bar
-from cellpilot.cli.options import parse
+from cellpilot.cli.options import parse, refuse_idle
+from cellpilot.errors import InputError
 from cellpilot.experiment import make_sites
 from cellpilot.maps import save_map
 from cellpilot.maps.sources.raytraced import Rays, raytrace_map
@@ -28,10 +29,19 @@ class RaytraceOptions(Settings):
     map: SimulatedMap = Field(SimulatedMap(), description="area, heights, bins and deployment or site list in the scene's metres")
 
 
+IDLE = ("environment", "los", "shadowing_seed", "points_per_side", "array_factor_floor_db")
+"""Settings of the simulation that no ray asks for."""
+
+
 def main(arguments: Sequence[str]) -> int:
     """Trace and write."""
     options = parse(RaytraceOptions, arguments, "cellpilot map raytrace", "Make a map by ray tracing.")
+    refuse_idle(options.map, IDLE, "is for the 3GPP simulation, not for ray tracing", "map.")
     sites = make_sites(options.map)
+    if options.map.sites is not None and sites.anchor is not None and options.map.anchor is None:
+        raise InputError(
+            f"{options.map.sites} is in degrees, the scene in metres: say where x = y = 0 of the scene lies: --map.anchor LAT LON"
+        )
     names = ("rays", "reflections", "diffuse", "diffraction", "seed")
     with share_bar("trace") as progress:
         radio_map = raytrace_map(
@@ -42,6 +52,7 @@ def main(arguments: Sequence[str]) -> int:
             heights_m=options.map.heights_m,
             rays=Rays(**{name: getattr(options, name) for name in names}),
             names=sites.names,
+            anchor=sites.anchor,
             progress=progress,
         )
     save_map(radio_map, options.out)

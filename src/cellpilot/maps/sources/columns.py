@@ -14,12 +14,16 @@ METRES_PER_UNIT = {"m": 1.0, "ft": 0.3048}
 UNIT_IN_NAME = re.compile(r"(?:^|[^a-z])(m|meters?|metres?|ft|feet|foot)(?:$|[^a-z])", re.IGNORECASE)
 
 
-def named_columns(text: str, altitude_unit: str | None = None, altitude_reference: str | None = None) -> LogFormat:
+def named_columns(
+    text: str, altitude_unit: str | None = None, altitude_reference: str | None = None, *, height_stated: bool = False
+) -> LogFormat:
     """The format that `lat=COLUMN,lon=COLUMN,sinr=COLUMN,...` describes.
 
     The unit of the altitude is `altitude_unit` (m or ft), else what the column's name says (`alt_m`, `Height [ft]`). What
-    it counts from is `altitude_reference`. `InputError` for an unknown or repeated name, a missing one of lat, lon and
-    sinr, and for an altitude whose unit or reference nobody states.
+    it counts from is `altitude_reference`. With `height_stated` somebody says one height for all, and the column of the
+    altitude is left alone. `InputError` for an unknown or repeated name, a missing one of lat, lon and
+    sinr, for an altitude whose unit or reference nobody states, a unit that contradicts the name, and for unit and reference
+    of no altitude.
     """
     chosen: dict[str, str] = {}
     for part in text.split(","):
@@ -31,7 +35,11 @@ def named_columns(text: str, altitude_unit: str | None = None, altitude_referenc
         if name not in chosen:
             raise InputError(f"--columns names no column for {name}; expected at least {', '.join(REQUIRED)}")
     factor, altitude = 1.0, None
-    if "alt" in chosen:
+    if "alt" not in chosen or height_stated:
+        for flag, given in (("--altitude-unit", altitude_unit), ("--altitude-reference", altitude_reference)):
+            if given is not None:
+                raise InputError(f"{flag} {given} is for an altitude column, which is not read: leave it out, or name it alt=..")
+    else:
         factor = METRES_PER_UNIT[_unit(chosen["alt"], altitude_unit)]
         altitude = Column(chosen["alt"], -500.0 / factor, 10_000.0 / factor, "m" if factor == 1.0 else "ft")
         if altitude_reference is None:
@@ -57,11 +65,12 @@ def named_columns(text: str, altitude_unit: str | None = None, altitude_referenc
 
 
 def _unit(column: str, given: str | None) -> str:
-    if given is not None:
-        return given
     found = UNIT_IN_NAME.search(column)
-    if found is None:
+    named = None if found is None else "m" if found[1].lower().startswith("m") else "ft"
+    if given is not None and named not in (None, given):
+        raise InputError(f"--altitude-unit is {given}, but the column {column!r} is in {named}: leave out the one that is wrong")
+    if given is None and named is None:
         raise InputError(
             f"nothing says whether the altitude in {column!r} is in metres or feet: give --altitude-unit m or --altitude-unit ft"
         )
-    return "m" if found[1].lower().startswith("m") else "ft"
+    return given or str(named)

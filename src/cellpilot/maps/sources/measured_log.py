@@ -128,6 +128,8 @@ def heights_m(samples: Samples, step_m: float, ground_altitude_m: float | None) 
             f" the lowest is {lowest_m:.1f} m;"
             " say where height 0 is: --ground-altitude-m METRES, or one height for all samples: --altitude METRES"
         )
+    if ground_altitude_m is not None and above_ground.all():
+        raise InputError("the altitude of the ground is given, but no log counts from the ellipsoid or the sea: leave it out")
     result_m[~above_ground] -= ground_altitude_m or 0.0
     own = samples.altitude_reference != STATED
     result_m[own] = np.round(result_m[own] / step_m) * step_m

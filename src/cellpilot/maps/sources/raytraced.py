@@ -1,4 +1,4 @@
-"""Maps from ray tracing with Sionna RT (extra `raytrace`), in a process of its own, and from what Sionna has saved."""
+"""Maps from ray tracing with Sionna RT (extra `raytrace`), in a process of its own."""
 
 import json
 import os
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
+from cellpilot.maps.geodesy import Anchor
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
 from cellpilot.radio import ColumnAntenna, Deployment, Interference, hexagonal_deployment
@@ -28,6 +29,7 @@ LLVM_PLACES = (
     "/usr/lib/*/libLLVM-19.so",
     "/usr/lib/llvm-19/lib/libLLVM*.so*",
     "/usr/lib/*/libLLVM.so.19*",
+    "/usr/lib/*/libLLVM.so.2*",
     "/usr/lib/*/libLLVM-2*.so",
 )
 """Where Debian's libllvm19 and newer ones lie. Versions 15 and 16 end the process, 14 is refused."""
@@ -83,13 +85,15 @@ def raytrace_map(
     heights_m: Sequence[float],
     rays: Rays = Rays(),
     names: Sequence[str] | None = None,
+    anchor: Anchor | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> RadioMap:
     """The RadioMap of a deployment in a scene of Sionna RT ("munich", "etoile", or a Mitsuba XML file), at cell centres [m].
 
-    A cell's SINR follows from its mean path gain over the cell's area. Cells below the roof of a building are blocked;
-    cells no ray reaches are unknown. All sectors need one carrier and one column antenna up to mechanical tilt.
-    `InputError` for anything else, for what is missing, and with the last line of the tracing process should that fail.
+    `anchor` says where on Earth x = y = 0 of the scene lies. A cell's SINR follows from its mean path gain over the cell's
+    area. Cells below the roof of a building are blocked; cells no ray reaches are unknown. All sectors need one carrier and
+    one column antenna up to mechanical tilt. `InputError` for anything else, for what is missing, and with the last line of
+    the tracing process should that fail.
 
     The same seed gives the same rays; sums on several threads differ in the last bits, by some 1e-5 dB.
 
@@ -105,7 +109,7 @@ def raytrace_map(
     z_m = np.asarray(heights_m, dtype=np.float64)
     with np.errstate(divide="ignore"):
         power_dbm = deployment.power_dbm[:, None, None, None] + to_db(gain)
-    radio_map = map_of_powers(deployment, power_dbm, x_m, y_m, z_m, roofs_m[None] >= z_m[:, None, None], names, raised_m)
+    radio_map = map_of_powers(deployment, power_dbm, x_m, y_m, z_m, roofs_m[None] >= z_m[:, None, None], names, raised_m, anchor)
     radio_map.attrs |= {
         "source": "ray tracing",
         "model": f"Sionna RT, scene {Path(scene).stem}, {rays.rays:,} rays a sector, {rays.reflections} reflections",
@@ -124,10 +128,11 @@ def map_of_powers(
     inside: NDArray[np.bool_],
     names: Sequence[str] | None,
     height_m: FloatArray,
+    anchor: Anchor | None = None,
 ) -> RadioMap:
     """The map of received powers `[sector, z, y, x]` [dBm, -inf where nothing arrives]; `inside [z, y, x]` is blocked."""
     sectors = sectors_of(deployment, names) | {"sector_height_m": height_m}
-    return map_of_levels(deployment.interference, power_dbm, x_m, y_m, z_m, sectors, deployment.noise_figure_db, inside)
+    return map_of_levels(deployment.interference, power_dbm, x_m, y_m, z_m, sectors, deployment.noise_figure_db, inside, anchor)
 
 
 def map_of_levels(
@@ -139,6 +144,7 @@ def map_of_levels(
     sectors: Mapping[str, NDArray[np.generic]],
     noise_figure_db: float,
     inside: NDArray[np.bool_] | bool = False,
+    anchor: Anchor | None = None,
 ) -> RadioMap:
     """As `map_of_powers`, of sectors of which no more is known than their `interference` and the coordinates `sectors`."""
     shape = power_dbm.shape[1:]
@@ -158,6 +164,7 @@ def map_of_levels(
             "rsrp_dbm": np.where(np.isneginf(rsrp_dbm), np.nan, rsrp_dbm),
         },
         sectors=sectors,
+        anchor=anchor,
         attributes={NOISE_FIGURE: noise_figure_db},
     )
 

@@ -10,10 +10,10 @@ the network.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,13 +42,21 @@ class Receiver:
     noise_figure_db: float = 9.0
     load: float = 1.0
 
+    def words(self) -> str:
+        """One line that says all of it."""
+        return (
+            f"taken for all transmitters: {self.power_dbm:g} dBm, {self.carrier_hz / 1e6:g} MHz,"
+            f" {self.bandwidth_hz / 1e6:g} MHz wide, load {self.load:g}, noise figure {self.noise_figure_db:g} dB"
+        )
+
 
 def read_sionna(paths: Sequence[str | Path], receiver: Receiver = Receiver()) -> RadioMap:
     """The RadioMap of saved Sionna maps, one horizontal plane a file, all with the same cells and transmitters.
 
     From `sinr` the best transmitter of each cell counts as it is; from `rss` or `path_gain` SINR and RSRP of every
-    transmitter follow with the `receiver`. Cells that nothing reaches are blocked. `InputError` naming the file and the
-    array for anything missing, of another shape, negative, not a horizontal grid, or different between files.
+    transmitter follow with the `receiver`, which the map names. Cells that nothing reaches are blocked. `InputError` naming
+    the file and the array for anything missing, of another shape, negative, not a horizontal grid, or different between
+    files, and for a receiver that the arrays leave without effect.
     """
     planes = sorted((_read(Path(path)) for path in paths), key=lambda plane: plane.z_m)
     for first, other in pairwise(planes):
@@ -61,6 +69,10 @@ def read_sionna(paths: Sequence[str | Path], receiver: Receiver = Receiver()) ->
     kind, (x_m, y_m) = planes[0].kind, (planes[0].xy_m[0, :, 0], planes[0].xy_m[:, 0, 1])
     z_m, level = np.array([plane.z_m for plane in planes]), np.stack([plane.values for plane in planes], axis=1)
     names = np.array([f"transmitter {number}" for number in range(len(level))])
+    idle = {"sinr": tuple(f.name for f in fields(Receiver)), "rss": ("power_dbm",), "path_gain": ()}[kind]
+    for name in idle:
+        if getattr(receiver, name) != getattr(Receiver, name):
+            raise InputError(f"{planes[0].path}: array {kind!r} leaves {name} of the receiver without effect: leave it out")
     model = f"Sionna RT, saved {kind}: {', '.join(plane.path.name for plane in planes)}"
     if kind == "sinr":
         sinr_db = to_db(level.max(axis=0))
@@ -84,7 +96,7 @@ def read_sionna(paths: Sequence[str | Path], receiver: Receiver = Receiver()) ->
     if kind == "rss":
         del sectors["sector_power_dbm"]
     radio_map = map_of_levels(interference, power_dbm, x_m, y_m, z_m, sectors, receiver.noise_figure_db)
-    radio_map.attrs["model"] = model
+    radio_map.attrs |= {"model": model, "receiver": receiver.words()}
     return radio_map
 
 
@@ -99,15 +111,16 @@ class _Plane:
 
 def _read(path: Path) -> _Plane:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays: dict[str, Any] = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
-    except (OSError, ValueError, AttributeError) as error:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            wanted = [name for name in (CENTRES, *LEVELS) if name in file.files]
+            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in wanted}
+            found = ", ".join(file.files) or "none"
+    except (OSError, ValueError, TypeError, AttributeError, EOFError, BadZipFile) as error:
         raise InputError(
             f"{path}: cannot be read as arrays saved with numpy.savez ({str(error) or type(error).__name__})"
         ) from None
     kind = next((name for name in LEVELS if name in arrays), None)
     if kind is None or CENTRES not in arrays:
-        found = ", ".join(arrays) or "none"
         raise InputError(f"{path}: arrays {found}; expected {CENTRES!r} and one of {', '.join(map(repr, LEVELS))}")
     values, centres_m = arrays[kind], arrays[CENTRES]
     if values.ndim == 2:
@@ -117,12 +130,13 @@ def _read(path: Path) -> _Plane:
             f"{path}: array {kind!r} has shape {values.shape} and {CENTRES!r} {centres_m.shape};"
             " expected (transmitters, y, x) and (y, x, 3)"
         )
-    if not (values >= 0).all():
-        raise InputError(f"{path}: array {kind!r} has values below 0 or NaN; expected linear values, not dB")
+    if not ((values >= 0) & (values < np.inf)).all():
+        raise InputError(f"{path}: array {kind!r} has values below 0, infinite or NaN; expected linear values, not dB")
     x_m, y_m, z_m = centres_m[0, :, 0].round(3), centres_m[:, 0, 1].round(3), centres_m[0, 0, 2].round(3)
     flat = np.stack([*np.broadcast_arrays(x_m, y_m[:, None], z_m)], axis=-1)
-    if not np.allclose(centres_m, flat, atol=2e-3):
+    rising = (np.diff(x_m) > 0).all() and (np.diff(y_m) > 0).all()
+    if not rising or not np.allclose(centres_m, flat, atol=2e-3):
         raise InputError(
-            f"{path}: array {CENTRES!r} is no horizontal grid along x and y; expected a map measured with orientation 0"
+            f"{path}: array {CENTRES!r} is no horizontal grid along rising x and y; expected a map with orientation 0"
         )
     return _Plane(path, kind, values, flat[..., :2], float(z_m))
