@@ -1,6 +1,7 @@
 """Maps computed from a deployment: each bin is the mean of a fine lattice of simulated points."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import Anchor
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
-from cellpilot.radio import Deployment, LosMode, simulate
+from cellpilot.radio import Deployment, LosMode, Reception, simulate
 
 FloatArray = NDArray[np.float64]
 MAX_CELLS = 10_000_000
@@ -60,12 +61,9 @@ def simulate_map(
     if points_per_side < 1:
         raise InputError(f"points_per_side is {points_per_side}; expected at least 1")
     offset_m = ((np.arange(points_per_side) + 0.5) / points_per_side - 0.5) * bin_m
-    shape = z_m.size, y_m.size, x_m.size
-    mean_db, spread_db, serving = np.empty(shape), np.full(shape, np.nan), np.empty(shape, np.int32)
-    every_sector = deployment.n_sectors * mean_db.size <= MAX_RSRP_VALUES
-    rsrp_dbm = np.empty((deployment.n_sectors, *shape), np.float32) if every_sector else None
+    bins = _Bins.empty((z_m.size, y_m.size, x_m.size), deployment.n_sectors)
     # Some rows of bins at a time bound the memory; all heights together, because they share what lies below them.
-    points = min(STRIP_POINTS, STRIP_LEVELS // deployment.n_sectors) if every_sector else STRIP_POINTS
+    points = min(STRIP_POINTS, STRIP_LEVELS // deployment.n_sectors) if bins.rsrp_dbm is not None else STRIP_POINTS
     rows = max(1, points // (x_m.size * z_m.size * points_per_side**2))
     for first in range(0, y_m.size, rows):
         strip = slice(first, min(first + rows, y_m.size))
@@ -77,23 +75,17 @@ def simulate_map(
             environment=environment,
             los=los,
             shadowing_seed=shadowing_seed,
-            every_sector=every_sector,
+            every_sector=bins.rsrp_dbm is not None,
         )
-        sinr_db = reception.sinr_db.reshape(*reception.sinr_db.shape[:3], -1)  # [nz, rows, nx, points]
-        mean_db[:, strip] = sinr_db.mean(axis=-1)
-        if points_per_side > 1:
-            spread_db[:, strip] = sinr_db.std(axis=-1, ddof=1)
-        serving[:, strip] = _most_frequent(reception.serving_sector.reshape(sinr_db.shape))
-        if rsrp_dbm is not None and reception.sector_rsrp_dbm is not None:
-            rsrp_dbm[:, :, strip] = reception.sector_rsrp_dbm.reshape(-1, *sinr_db.shape).mean(axis=-1)
+        bins.fill(strip, reception)
         progress(strip.stop / y_m.size)
     return make_map(
-        mean_db,
+        bins.mean_db,
         x_m=x_m,
         y_m=y_m,
         z_m=z_m,
         count=points_per_side**2,
-        optional={"sinr_spread_db": spread_db, "serving_sector": serving} | ({} if rsrp_dbm is None else {"rsrp_dbm": rsrp_dbm}),
+        optional=bins.optional(),
         sectors=sectors_of(deployment, names),
         anchor=anchor,
         source="simulation",
@@ -107,6 +99,37 @@ def simulate_map(
             NOISE_FIGURE: float(deployment.noise_figure_db),
         },
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Bins:
+    """What the points of each bin say together, `[z, y, x]`."""
+
+    mean_db: FloatArray
+    spread_db: FloatArray  # NaN where there is one point
+    serving: NDArray[np.int32]
+    rsrp_dbm: NDArray[np.float32] | None  # [sector, z, y, x]
+
+    @classmethod
+    def empty(cls, shape: tuple[int, int, int], n_sectors: int) -> "_Bins":
+        kept = n_sectors * np.prod(shape) <= MAX_RSRP_VALUES
+        rsrp_dbm = np.empty((n_sectors, *shape), np.float32) if kept else None
+        return cls(np.empty(shape), np.full(shape, np.nan), np.empty(shape, np.int32), rsrp_dbm)
+
+    def fill(self, strip: slice, reception: Reception) -> None:
+        """Take in the points of some rows, `[z, y, x, point in y, point in x]`."""
+        sinr_db = reception.sinr_db.reshape(*reception.sinr_db.shape[:3], -1)
+        self.mean_db[:, strip] = sinr_db.mean(axis=-1)
+        if sinr_db.shape[-1] > 1:
+            self.spread_db[:, strip] = sinr_db.std(axis=-1, ddof=1)
+        self.serving[:, strip] = _most_frequent(reception.serving_sector.reshape(sinr_db.shape))
+        if self.rsrp_dbm is not None and reception.sector_rsrp_dbm is not None:
+            self.rsrp_dbm[:, :, strip] = reception.sector_rsrp_dbm.reshape(-1, *sinr_db.shape).mean(axis=-1)
+
+    def optional(self) -> dict[str, NDArray[np.generic]]:
+        """Variables that a map may have."""
+        found: dict[str, NDArray[np.generic]] = {"sinr_spread_db": self.spread_db, "serving_sector": self.serving}
+        return found if self.rsrp_dbm is None else found | {"rsrp_dbm": self.rsrp_dbm}
 
 
 def bin_centres(axis: str, range_m: Range, bin_m: float) -> FloatArray:
