@@ -332,8 +332,10 @@ def common_grid(map_a: "RadioMap", map_b: "RadioMap") -> tuple["RadioMap", "Radi
 
     anchors = anchor_of(map_a), anchor_of(map_b)
     if None not in anchors and anchors[0] != anchors[1]:
+        places = [f"{anchor.latitude_deg:.6f}, {anchor.longitude_deg:.6f}" for anchor in anchors if anchor is not None]
         raise InputError(
-            f"the maps have different anchors, {anchors[0]} and {anchors[1]}: give the logs, or import both with one"
+            f"x = y = 0 lies at {places[0]} in one map and at {places[1]} in the other:"
+            " give the logs, or import both with one anchor"
         )
     heights = map_a["z"].values, map_b["z"].values
     if len(heights[0]) == len(heights[1]) == 1:

@@ -244,6 +244,7 @@ def payload(run: Run, evaluation: Evaluation) -> dict[str, Any]:
         "exhaustive": evaluation.exhaustive,
         "n_pairs": evaluation.n_pairs,
         "unreachable_pairs": evaluation.unreachable_pairs,
+        "speed_mps": run.scenario.evaluation.speed_mps,
         "policies": finite(evaluation.policies),
         "sampled": finite(evaluation.sampled),
     }

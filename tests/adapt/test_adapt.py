@@ -66,7 +66,7 @@ def test_only_the_shared_rectangle_stays_and_places_keep_their_values() -> None:
         ({"ix": range(4), "iy": range(4), "bin_m": 40.0}, ["20 m in A", "40 m in B"]),
         ({"ix": range(7, 9), "iy": range(4)}, ["along x", "none is shared"]),
         ({"ix": range(4), "iy": range(4), "z_m": (30.0, 50.0)}, ["heights 30 m in A", "30, 50 m in B"]),
-        ({"ix": range(4), "iy": range(4), "anchor": Anchor(1.0, 2.0)}, ["anchors"]),
+        ({"ix": range(4), "iy": range(4), "anchor": Anchor(1.0, 2.0)}, ["0.000000, 0.000000", "1.000000, 2.000000", "anchor"]),
     ],
 )
 def test_grids_that_cannot_be_brought_together_are_refused(other: dict, named: list[str]) -> None:

@@ -22,6 +22,12 @@ def logs(place: Path) -> Path:
     (place / "bare.csv").write_text("\n".join(["la,lo,height,snr", *rows]))
     centres_m = np.stack(np.broadcast_arrays(np.arange(3) * 20.0, np.arange(2)[:, None] * 20.0, 30.0), axis=-1)
     gain = np.geomspace(1e-10, 1e-8, 12).reshape(2, 2, 3)
+    row = 'a,{},25,1,90,7,"column(10,0.8)",46,2000,10'
+    for name, columns, where in (("metres", "x_m,y_m", "0,0"), ("far", "latitude,longitude", "-40.0,100.0")):
+        header = (
+            f"site_id,{columns},height_m,sector_id,azimuth_deg,electrical_tilt_deg,antenna,power_dbm,carrier_mhz,bandwidth_mhz"
+        )
+        (place / f"{name}.csv").write_text(f"{header}\n{row.format(where)}\n")
     np.savez(place / "gain.npz", path_gain=gain, cell_centers=centres_m)
     np.savez(place / "sinr.npz", sinr=1e9 * gain, cell_centers=centres_m)
     return place
@@ -79,6 +85,15 @@ def test_a_saved_sionna_map_says_what_was_taken_for_the_network(logs: Path, cli:
         (["gain.npz", "--bin-m", "20"], ["--bin-m", ".npz"]),
         (["sinr.npz", "--receiver.load", "0.5"], ["sinr.npz", "load", "without effect"]),
         (["gain.npz", "--receiver.bandwidth-hz", "7e6"], ["bandwidth is 7 MHz"]),
+        (["gain.npz", "--receiver.power-dbm", "5000"], ["--receiver.power-dbm", "5000"]),
+        ([], ["no file given"]),
+        (["30m.csv", "--altitude", "99999"], ["99999", "10000"]),
+        (["30m.csv", "--mask", "40", "10", "50"], ["40.000000, 10.000000", "holds no sample"]),
+        (["30m.csv", "--holdout", "--holdout-block-m", "5"], ["5 m", "smaller than cells"]),
+        (["30m.csv", "--holdout", "--holdout-block-m", "50000"], ["block(s) of 50000 m", "at least 5"]),
+        (["30m.csv", "--fill", "gaussian-process", "--trend", "metres.csv"], ["metres.csv", "in metres", "degrees"]),
+        (["30m.csv", "--fill", "gaussian-process", "--trend", "far.csv"], ["far.csv", "km from the area"]),
+        (["own.csv", "--columns", COLUMNS, "--altitude-reference", "sea-level", "--ground-altitude-m", "90"], ["below height 0"]),
     ],
 )
 def test_what_contradicts_itself_or_does_nothing_is_refused(logs: Path, cli: Cli, arguments: list[str], words: list[str]) -> None:
@@ -88,6 +103,25 @@ def test_what_contradicts_itself_or_does_nothing_is_refused(logs: Path, cli: Cli
     for word in words:
         assert word in result.err
     assert not (logs / "never.nc").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["import", "30m.csv", "--out", "30m.csv"],
+        ["import", "30m.csv", "--fill", "gaussian-process", "--trend", "far.csv", "--out", "far.csv"],
+        ["simulate", "--sites", "far.csv", "--out", "far.csv"],
+        ["calibrate", "plain.nc", "--to", "blocked.nc", "--out", "blocked.nc"],
+        ["raytrace", "--map.sites", "metres.csv", "--out", "metres.csv"],
+        ["sites", "tiny.toml", "--out", "far.csv"],
+    ],
+)
+def test_what_is_read_is_not_overwritten(logs: Path, cli: Cli, arguments: list[str]) -> None:
+    before = {path.name: path.read_bytes() for path in logs.iterdir() if path.is_file()}
+    result = cli("map", *arguments)
+    assert (result.code, result.out) == (2, "")
+    assert arguments[-1] in result.err
+    assert {path.name: path.read_bytes() for path in logs.iterdir() if path.is_file()} == before
 
 
 @pytest.mark.parametrize(

@@ -122,11 +122,20 @@ def test_handovers_where_the_map_knows_every_sector(place: Path, cli: Cli) -> No
     assert unknown["longest_outage_p90_s"] == unknown["longest_outage_p90_steps"] * 10.0  # 100 m at 10 m/s
 
 
+def test_the_second_table_of_evaluate_tells_of_handovers(place: Path, cli: Cli) -> None:
+    told = cli("evaluate", "run").out
+    assert "sampled flights at 10 m/s" in told
+    row = strict_json(cli("evaluate", "run", "--json").out)["policies"]["greedy"]
+    line = next(line for line in told.split("handovers/km")[1].splitlines() if "greedy" in line)
+    assert f"{row['handovers_per_km']:.2f}" in line
+
+
 def test_run_on_a_map_file_instead_of_the_scenarios_own(place: Path, cli: Cli) -> None:
     result = cli("run", "tiny.toml", "--map", "plain.nc", "--out", "new", "--learner.episodes", "40")
     assert result.code == 0, result.err
     assert load_map(place / "new" / "map.nc").equals(load_map(place / "plain.nc"))
     assert load_scenario(place / "new" / "scenario.toml").map.path == Path("plain.nc")
+    assert load_scenario(place / "new" / "scenario.toml").name == "tiny-on-plain"  # published figures are of another map
 
 
 def test_evaluate_without_the_exhaustive_part(place: Path, cli: Cli) -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cellpilot.errors import InputError
-from cellpilot.experiment import holdout_of, layout_warning, log_options, make_map, make_measured_map, make_sites
+from cellpilot.experiment import holdout_of, layout_warning, log_options, make_map, make_measured_map, make_sites, maps
 from cellpilot.maps import Anchor, anchor_of, save_map, simulate_map, write_sites
 from cellpilot.maps.sources import simulated
-from cellpilot.radio import ColumnAntenna, hexagonal_deployment, simulate
+from cellpilot.radio import ColumnAntenna, Deployment, hexagonal_deployment, simulate
 from cellpilot.scenario import LogSettings, MapFile, MeasuredMap, SimulatedMap
 
 HIGH = SimulatedMap(heights_m=(30.0, 100.0))
@@ -31,7 +31,7 @@ def test_seven_sites_alone_are_too_good_and_the_advice_mends_it() -> None:
         text,
     )
     assert found is not None
-    most_db, mean_db = float(found[1]), float(found[2])
+    most_db, mean_db, rings = float(found[1]), float(found[2]), int(found[3])
     # By the maps: the lattice of the warning lies in these cells.
     place = {
         "x_range_m": (-200.0, 200.0),
@@ -40,10 +40,55 @@ def test_seven_sites_alone_are_too_good_and_the_advice_mends_it() -> None:
         "bin_m": 40.0,
         "points_per_side": 2,
     }
-    alone, among = (simulate_map(hexagonal_deployment(rings), **place)["sinr_db"].values for rings in (1, int(found[3])))  # type: ignore[arg-type]
+    alone, among = (simulate_map(hexagonal_deployment(each), **place)["sinr_db"].values for each in (1, 11))  # type: ignore[arg-type]
     assert mean_db == pytest.approx((alone - among).mean(), abs=0.5)
     assert mean_db < most_db < (alone - among).max() + 1.5
-    assert warning_of(HIGH.model_copy(update={"rings": int(found[3])})) is None
+    assert warning_of(HIGH.model_copy(update={"rings": rings})) is None
+    # The smallest number that does.
+    assert rings > 2
+    fewer = warning_of(HIGH.model_copy(update={"rings": rings - 1}))
+    assert fewer is not None
+    assert fewer.endswith(f"add outer sites with --map.rings {rings}")
+
+
+@pytest.mark.parametrize("distance_m", [2.0, 20.0, 150.0])
+def test_of_a_dense_layout_no_number_of_rings_is_claimed(distance_m: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    most, make_deployment = [], maps.make_deployment
+
+    def counted(settings: SimulatedMap) -> Deployment:
+        # Before it is made: 2,500 rings of sites would not fit into memory.
+        assert settings.rings <= 40
+        most.append(settings.rings)
+        return make_deployment(settings)
+
+    monkeypatch.setattr(maps, "make_deployment", counted)
+    text = warning_of(HIGH.model_copy(update={"inter_site_distance_m": distance_m}))
+    assert text is not None
+    assert "7 sites alone are up to" in text
+    assert re.search(r"--map\.rings \d", text) is None
+    assert max(most) == 40
+
+
+def test_of_a_layout_as_large_as_any_that_is_tried_nothing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    large = HIGH.model_copy(update={"rings": 40, "inter_site_distance_m": 20.0})
+    deployment = make_sites(large).deployment
+    monkeypatch.setattr(maps, "make_deployment", lambda settings: pytest.fail("another layout was made"))
+    assert layout_warning(deployment, large) is None
+
+
+@pytest.mark.parametrize("first", range(1, 41))
+def test_the_smallest_number_is_found_in_few_trials(first: int) -> None:
+    tried: list[int] = []
+
+    def holds(number: int) -> bool:
+        tried.append(number)
+        return number >= first
+
+    assert maps._smallest(holds, 0, 40) == first
+    assert len(tried) <= 11
+    assert max(tried) <= 40
+    assert maps._smallest(lambda number: False, 0, 40) is None
+    assert maps._smallest(lambda number: True, 40, 40) is None
 
 
 @pytest.mark.parametrize(

@@ -142,3 +142,11 @@ def test_what_a_stretched_sinr_no_longer_fits_is_stretched_or_left_out() -> None
 def test_measurements_without_spread_are_refused() -> None:
     with pytest.raises(InputError, match="all measured cells have the same SINR"):
         calibrate(build([[[0.0, 2.0, 4.0, 6.0]]]), build([[[10.0] * 4]]))
+
+
+@pytest.mark.parametrize("source", ["simulation", "ray tracing"])
+def test_a_computed_map_is_no_measurement(source: str) -> None:
+    computed = build([[[10.0, 10.0, 14.0, 14.0]]])
+    computed.attrs["source"] = source
+    with pytest.raises(InputError, match=f"comes from {source}, not from measurements"):
+        calibrate(build([[[0.0, 2.0, 4.0, 6.0]]]), computed)

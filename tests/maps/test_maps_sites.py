@@ -1,17 +1,17 @@
 """Site lists and OpenCelliD files: what is read, that nothing is lost on the way, what is refused."""
 
 import csv
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cellpilot.errors import InputError
+from cellpilot.errors import InputError, RangeError
 from cellpilot.maps import Anchor, AssumedSectors, read_opencellid, read_sites, simulate_map, to_local, write_sites
 from cellpilot.radio import (
     AntennaFile,
     ColumnAntenna,
+    Deployment,
     PatternAntenna,
     hexagonal_deployment,
     received_power_dbm,
@@ -99,24 +99,121 @@ def test_antenna_files_beside_the_list(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"azimuth_deg": ""}, "line 3: azimuth_deg is empty; expected a number from 0 to 360 deg"),
-        ({"azimuth_deg": "361"}, "line 3: azimuth_deg is 361; expected a number from 0 to 360 deg"),
-        ({"height_m": "1000"}, "line 3: height_m is 1000; expected a number from 1.5 to 300 m"),
-        ({"antenna": "colum(8)"}, "line 3: antenna is 'colum(8)'; expected column("),
-        ({"antenna": ""}, "line 3: antenna is empty"),
-        ({"electrical_tilt_deg": ""}, "line 3: electrical_tilt_deg is empty; expected the downtilt of the column"),
-        ({"load": "2"}, "line 3: load is 2; expected a number from 0 to 1"),
-        ({"bandwidth_mhz": "7"}, "bandwidth is 7 MHz; expected one of"),
-        ({"sector_id": "1"}, "line 3: site_id 'A' with sector_id '1' is there already, in line 2"),
-        ({"latitude": "-8.4", "longitude": "51.9"}, "line 3: latitude -8.4, longitude 51.9 lies"),
-        ({"latitude": "north"}, "line 3: latitude is 'north'"),
+        ({"site_id": ""}, "site_id is empty; expected a name"),
+        ({"azimuth_deg": ""}, "azimuth_deg is empty; expected a number from 0 to 360 deg"),
+        ({"azimuth_deg": "361"}, "azimuth_deg is 361; expected a number from 0 to 360 deg"),
+        ({"height_m": "1000"}, "height_m is 1000; expected a number from 1.5 to 300 m"),
+        ({"height_m": "1"}, "height_m is 1; expected a number from 1.5 to 300 m"),
+        ({"antenna": "colum(8)"}, "antenna is 'colum(8)'; expected column("),
+        ({"antenna": "column(10,0.8.1,-40)"}, "antenna is 'column(10,0.8.1,-40)'; expected column(ELEMENTS,SPACING,FLOOR_DB)"),
+        ({"antenna": "column(10,-,-40)"}, "antenna is 'column(10,-,-40)'; expected column("),
+        ({"antenna": "column(1e1,0.8)"}, "antenna is 'column(1e1,0.8)'; expected column("),
+        ({"antenna": "column(" + "9" * 5000 + ",0.8)"}, "antenna is 'column(999"),
+        ({"antenna": "column(0,0.8,-40)"}, "antenna is 'column(0,0.8,-40)': n_vertical is 0; expected a whole number"),
+        ({"antenna": "column(8,0)"}, "antenna is 'column(8,0)': spacing_wavelengths is 0.0; expected a number above 0"),
+        ({"antenna": "column(8,0.7,-1e999)"}, "antenna is 'column(8,0.7,-1e999)': array-factor floor is -inf"),
+        ({"antenna": "broken.msi"}, "antenna is 'broken.msi': "),
+        ({"antenna": "flat.msi", "electrical_tilt_deg": "-60"}, "antenna is 'flat.msi': electrical tilt is -100 deg"),
+        ({"antenna": "gone.msi"}, "antenna is 'gone.msi'; expected column("),
+        ({"antenna": "a" * 5000}, "antenna is 'aaa"),
+        ({"antenna": ""}, "antenna is empty"),
+        ({"electrical_tilt_deg": ""}, "electrical_tilt_deg is empty; expected the downtilt of the column"),
+        ({"electrical_tilt_deg": "91"}, "electrical_tilt_deg is 91; expected a number from -90 to 90 deg"),
+        ({"mechanical_tilt_deg": "-91"}, "mechanical_tilt_deg is -91; expected a number from -90 to 90 deg"),
+        ({"load": "2"}, "load is 2; expected a number from 0 to 1"),
+        ({"load": "-0.1"}, "load is -0.1; expected a number from 0 to 1"),
+        ({"power_dbm": "200"}, "power_dbm is 200; expected a number from -50 to 100 dBm"),
+        ({"carrier_mhz": "1.8"}, "carrier_mhz is 1.8; expected a number from 500 to 100000 MHz"),
+        ({"carrier_mhz": "200000"}, "carrier_mhz is 200000; expected a number from 500 to 100000 MHz"),
+        ({"bandwidth_mhz": "7"}, "bandwidth_mhz is 7; expected one of 1.4, 3, 5, 10, 15, 20"),
+        ({"bandwidth_mhz": "40"}, "bandwidth_mhz is 40; expected a number from 1.4 to 20 MHz"),
+        ({"sector_id": "1"}, "site_id 'A' with sector_id '1' is there already, in line 2"),
+        ({"latitude": "-8.4", "longitude": "51.9"}, "latitude -8.4, longitude 51.9 lies"),
+        ({"latitude": "north"}, "latitude is 'north'"),
+        ({"latitude": "89.5"}, "latitude is 89.5; expected a number from -89 to 89 deg"),
     ],
+    ids=lambda value: value[:60] if isinstance(value, str) else "",
 )
-def test_a_wrong_line_is_named(tmp_path: Path, change: dict[str, str], message: str) -> None:
+def test_a_wrong_value_is_named_with_file_line_and_column(tmp_path: Path, change: dict[str, str], message: str) -> None:
+    (tmp_path / "broken.msi").write_text("GAIN 17 dBi\nHORIZONTAL 360\n0 zero\n")
+    write_antenna(AntennaFile({"ELECTRICAL_TILT": "40"}, 15.0, None, 40.0, np.zeros(360), np.zeros(360)), tmp_path / "flat.msi")
     rows = [ROW, ROW | {"sector_id": "2"} | change, *(ROW | {"sector_id": str(i)} for i in range(3, 8))]
-    with pytest.raises(InputError, match=re.escape(message)) as caught:
-        read_sites(write(tmp_path / "sites.csv", rows))
+    path = write(tmp_path / "sites.csv", rows)
+    with pytest.raises(InputError) as caught:
+        read_sites(path)
+    assert str(caught.value).startswith(f"{path}, line 3: {message}")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("value", ["inf", "-3e7", "nan"])
+def test_a_place_in_metres_is_finite_and_on_earth(tmp_path: Path, value: str) -> None:
+    row = {name: text for name, text in ROW.items() if not name.endswith("itude")} | {"x_m": "0", "y_m": value}
+    with pytest.raises(InputError, match=r"sites\.csv, line 2: y_m is "):
+        read_sites(write(tmp_path / "sites.csv", [row]))
+
+
+def test_a_slash_in_a_name_makes_no_two_sectors_one(tmp_path: Path) -> None:
+    ids = [("a/b", "c"), ("a", "b/c"), ("a%2Fb", "c"), ("a/b", "d")]
+    rows = [ROW | {"site_id": site, "sector_id": sector} for site, sector in ids]
+    found = read_sites(write(tmp_path / "sites.csv", rows))
+    assert found.names == ("a%2Fb/c", "a/b/c", "a%252Fb/c", "a%2Fb/d")
+    assert found.deployment.site.tolist() == [0, 1, 2, 0]
+    write_sites(found.deployment, tmp_path / "again.csv", found.names, found.anchor)
+    with (tmp_path / "again.csv").open(newline="") as file:
+        assert [(line["site_id"], line["sector_id"]) for line in csv.DictReader(file)] == ids
+    assert read_sites(tmp_path / "again.csv").names == found.names
+    with pytest.raises(InputError, match=r"line 6: site_id 'a/b' with sector_id 'c' is there already, in line 2"):
+        read_sites(write(tmp_path / "sites.csv", [*rows, rows[0]]))
+
+
+def test_sites_on_both_sides_of_the_antimeridian(tmp_path: Path) -> None:
+    rows = [ROW | {"site_id": "W", "longitude": "179.99"}, ROW | {"site_id": "E", "longitude": "-179.97"}]
+    found = read_sites(write(tmp_path / "sites.csv", rows))
+    assert found.anchor is not None
+    assert found.anchor.longitude_deg == pytest.approx(-179.99)
+    assert np.ptp(found.deployment.x_m) == pytest.approx(0.04 * 68_800, rel=0.01)
+
+
+def patterns(*gains_dbi: float) -> Deployment:
+    """A sector for each gain, all with the same measured cuts."""
+    antennas = [PatternAntenna(gain_dbi, np.zeros(360), np.zeros(360)) for gain_dbi in gains_dbi]
+    return hexagonal_deployment(rings=0, boresights_deg=np.arange(len(gains_dbi)).tolist(), antenna=antennas)
+
+
+def peaks_dbi(path: Path) -> list[float]:
+    return [antenna.peak_gain_dbi for antenna in read_sites(path).deployment.antenna if isinstance(antenna, PatternAntenna)]
+
+
+def test_no_antenna_file_of_another_content_is_overwritten(tmp_path: Path) -> None:
+    mine = tmp_path / "sites-antenna-1.msi"
+    mine.write_text("my own measurements\n")
+    (tmp_path / "sites-antenna-3.msi").mkdir()
+    write_sites(patterns(11.0, 12.0, 11.0), tmp_path / "sites.csv")
+    assert mine.read_text() == "my own measurements\n"
+    assert peaks_dbi(tmp_path / "sites.csv") == [11.0, 12.0, 11.0]
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"sites.csv", *(f"sites-antenna-{number}.msi" for number in (1, 2, 3, 4))}
+    # Written again, the same antennas need no further files; others do.
+    write_sites(patterns(12.0, 11.0), tmp_path / "sites.csv")
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert peaks_dbi(tmp_path / "sites.csv") == [12.0, 11.0]
+    write_sites(patterns(13.0), tmp_path / "sites.csv")
+    assert {path.name for path in tmp_path.iterdir()} == {*names, "sites-antenna-5.msi"}
+
+
+def test_a_list_that_cannot_be_written_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="is a folder; expected a file"):
+        write_sites(patterns(11.0), tmp_path)
+    with pytest.raises(RangeError, match="power is 120 dBm"):
+        write_sites(hexagonal_deployment(power_dbm=120.0), tmp_path / "sites.csv")
+    monkeypatch.setattr(csv.DictWriter, "writerows", disk_full)
+    with pytest.raises(OSError, match="No space left"):
+        write_sites(patterns(11.0, 12.0), tmp_path / "sites.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def disk_full(*arguments: object) -> None:
+    raise OSError(28, "No space left on device")
 
 
 def test_a_missing_column_is_named(tmp_path: Path) -> None:
@@ -137,6 +234,9 @@ CELLS = [
     "LTE,272,5,40,{far},0,-8.35,51.92,1000,,1,1,1,0",
 ]
 
+CELL = CELLS[0].format(cell=500 * 256) + "\n"
+HEADER = "radio,mcc,net,area,cell,unit,lon,lat,range,samples,changeable,created,updated,averageSignal"
+
 
 def test_opencellid(tmp_path: Path) -> None:
     lines = [line.format(cell=500 * 256 + 1, other=500 * 256 + 2, far=700 * 256) for line in CELLS]
@@ -154,10 +254,54 @@ def test_opencellid(tmp_path: Path) -> None:
     assert found.deployment.x_m[0] == pytest.approx(float(x_m))
     assert found.account[0] == "272.csv: 3 LTE cells of operator 272-5 at 2 sites, 1 cells of radio GSM left out"
     assert found.account[1].startswith("assumed for every site: sectors at 0, 180 deg, 25 m")
-    path.write_text(
-        "radio,mcc,net,area,cell,unit,lon,lat,range,samples,changeable,created,updated,averageSignal\n" + "\n".join(lines)
-    )
+    path.write_text(HEADER + "\n" + "\n".join(lines))
     assert read_opencellid(path, "272-5").deployment.n_sectors == 6
     path.write_text(lines[2])
     with pytest.raises(InputError, match="no LTE cells"):
         read_opencellid(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "272.csv: the file is empty; expected a list of cells from OpenCelliD"),
+        (CELL.encode() + b"LTE,272,5,40,\xff\n", "272.csv, line 2: not readable as text"),
+        (CELL.encode() + b"LTE,272,5\n", "272.csv, line 2: 3 field(s); expected 14"),
+        (CELL.replace("51.90", "91").encode(), "272.csv, line 1: lat is 91; expected a number from -89 to 89 deg"),
+        (CELL.replace(",10,", ",inf,").encode(), "272.csv, line 1: samples is inf; expected a number"),
+        (b"radio,mcc,net,area,cell,unit,lon,range\n" + CELL.encode(), "272.csv, line 1: no column 'lat'"),
+        (HEADER.replace("unit", "pci").encode() + b"\n" + CELL.encode(), "272.csv, line 1: a header with other columns"),
+    ],
+)
+def test_a_wrong_opencellid_file_is_named_with_its_line(tmp_path: Path, content: bytes, message: str) -> None:
+    (tmp_path / "272.csv").write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_opencellid(tmp_path / "272.csv")
+    assert message in str(caught.value)
+
+
+def test_assumed_bearings_are_compass_bearings() -> None:
+    for wrong_deg in (400.0, -1.0, np.nan):
+        with pytest.raises(RangeError, match=r"azimuths_deg is .* expected 0\.\.360 deg"):
+            AssumedSectors(azimuths_deg=(0.0, wrong_deg))
+    with pytest.raises(InputError, match="azimuths_deg is empty"):
+        AssumedSectors(azimuths_deg=())
+
+
+def test_cells_on_both_sides_of_the_antimeridian(tmp_path: Path) -> None:
+    path = tmp_path / "542.csv"
+    path.write_text(CELL.replace("-8.40", "179.99") + CELL.replace("-8.40", "-179.97"))
+    found = read_opencellid(path)
+    assert found.anchor.longitude_deg == pytest.approx(-179.99)
+    assert found.deployment.x_m == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_note_stands_in_every_line_and_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "272.csv").write_text(CELL)
+    found = read_opencellid(tmp_path / "272.csv")
+    write_sites(found.deployment, tmp_path / "sites.csv", found.names, found.anchor, found.note)
+    with (tmp_path / "sites.csv").open(newline="") as file:
+        assert [line["note"] for line in csv.DictReader(file)] == ["assumed: everything but the position"] * 3
+    assert read_sites(tmp_path / "sites.csv").names == found.names
+    write_sites(found.deployment, tmp_path / "plain.csv", found.names, found.anchor)
+    assert "note" not in (tmp_path / "plain.csv").read_text()

@@ -80,6 +80,18 @@ def test_vendor_files_peak_at_their_gain_and_survive_a_round_trip(tmp_path: Path
     np.testing.assert_array_equal(read_antenna(tmp_path / name).vertical_db, found.vertical_db)
 
 
+def test_lines_that_come_again_are_all_kept(tmp_path: Path) -> None:
+    header = ["NAME first", "COMMENT one", "GAIN 17 dBi", "COMMENT", "comment two", "NAME second", "TILT 3", "TILT 8"]
+    found = read_antenna(write(tmp_path / "a.msi", [*lines(header), "COMMENT below the cuts"]))
+    assert found.header["COMMENT"] == "one\n\ntwo\nbelow the cuts"
+    # Of what can be one thing only, the first line says which.
+    assert (found.antenna().name, found.gain_dbi, found.electrical_tilt_deg) == ("first", 17.0, 3.0)
+    write_antenna(found, tmp_path / "b.msi")
+    again = read_antenna(tmp_path / "b.msi")
+    assert again.header == found.header | {"GAIN": "17.0 dBi"}
+    assert again.antenna().name == "first"
+
+
 def test_directions() -> None:
     horizontal_db, vertical_db = np.zeros(360), np.zeros(360)
     horizontal_db[90], vertical_db[10] = 7.0, 3.0  # 90 degrees clockwise, 10 degrees below the horizon

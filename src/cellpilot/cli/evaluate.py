@@ -21,7 +21,9 @@ class EvaluateOptions(Settings):
     """Options of `evaluate`."""
 
     run: tyro.conf.Positional[str] = Field(description="run folder, or a shipped scenario with a trained policy")
-    map: Path | None = Field(None, description="evaluate on this map instead (same grid); nothing is written", strict=False)
+    map: Path | None = Field(
+        None, description="evaluate on this map instead (same grid); the evaluation is not saved", strict=False
+    )
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = Field(False, description="print JSON and nothing else")
 
 
@@ -45,7 +47,9 @@ def main(arguments: Sequence[str]) -> int:
     if options.as_json:
         sys.stdout.write(json.dumps(payload(run, evaluation), indent=2) + "\n")
     else:
-        from cellpilot.report.tables import text_table
+        from cellpilot.report.tables import mobility_table, text_table
 
-        out.print(text_table(payload(run, evaluation)))
+        found = payload(run, evaluation)
+        out.print(text_table(found))
+        out.print(mobility_table(found))
     return 0

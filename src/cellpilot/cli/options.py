@@ -4,7 +4,7 @@ import contextlib
 import io
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -51,7 +51,7 @@ def parse_scenario(kind: type[InScenario], arguments: Sequence[str], verb: str, 
     found = scenario_argument(arguments)
     name, scenario = found if found else ("thesis-2d", Scenario(name="thesis-2d"))
     if map_file is not None:
-        scenario = scenario.model_copy(update={"map": MapFile(path=map_file)})
+        scenario = scenario.model_copy(update={"map": MapFile(path=map_file), "name": f"{scenario.name}-on-{map_file.stem}"})
     if (algorithm := _asked_algorithm(arguments)) not in (None, scenario.learner.algorithm):
         scenario = scenario.model_copy(update={"learner": LEARNERS[algorithm]()})
     _refuse_other_learner(arguments, scenario)
@@ -171,3 +171,10 @@ def refuse_idle(options: Settings, names: Sequence[str], why: str, section: str 
     for name in names:
         if getattr(options, name) != type(options).model_fields[name].default:
             raise InputError(f"--{section}{name.replace('_', '-')} {why}: leave it out")
+
+
+def refuse_overwriting(out: Path, inputs: Iterable[Path | None]) -> None:
+    """`InputError` if the output is one of the files that are read."""
+    for path in inputs:
+        if path is not None and path.resolve() == out.resolve():
+            raise InputError(f"{out}: is read and would be overwritten; choose another file with --out")

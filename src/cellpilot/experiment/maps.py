@@ -1,7 +1,8 @@
 """The map that a scenario asks for, and the sites behind a simulated one."""
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,7 +40,7 @@ def make_measured_map(
         raise InputError(
             "the scenario needs a measured log: give --map.logs FILE, or make a map of it first (cellpilot map import)"
         )
-    return import_logs(
+    radio_map = import_logs(
         settings.logs,
         altitude_m=settings.altitude_m,
         ground_altitude_m=settings.ground_altitude_m,
@@ -54,6 +55,9 @@ def make_measured_map(
         trend=None if settings.trend is None else partial(_trend_db, settings),
         progress=progress,
     )
+    if settings.trend is not None:
+        radio_map.attrs["trend"] = f"{settings.trend.name}, {settings.trend_environment}"
+    return radio_map
 
 
 def _trend_db(settings: LogSettings, radio_map: "RadioMap") -> NDArray[np.float64]:
@@ -62,9 +66,28 @@ def _trend_db(settings: LogSettings, radio_map: "RadioMap") -> NDArray[np.float6
     from cellpilot.radio import simulate
 
     assert settings.trend is not None
+    if read_sites(settings.trend).anchor is None:
+        raise InputError(f"{settings.trend}: the sites are in metres; a trend needs them in degrees, as the log is")
     deployment = read_sites(settings.trend, anchor_of(radio_map)).deployment
+    _check_near(settings.trend, deployment, radio_map["x"].values, radio_map["y"].values)
     z_m, y_m, x_m = (radio_map[axis].values for axis in "zyx")
     return simulate(deployment, x_m, y_m[:, None], z_m[:, None, None], settings.trend_environment).sinr_db
+
+
+FARTHEST_SITE_M = 50_000.0
+"""An area farther from every site has no network, but a mistake in its coordinates."""
+
+
+def _check_near(path: Path, deployment: "Deployment", x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> None:
+    away_m = [
+        np.maximum(np.maximum(axis.min() - of, of - axis.max()), 0) for axis, of in ((x_m, deployment.x_m), (y_m, deployment.y_m))
+    ]
+    nearest_m = float(np.hypot(*away_m).min())
+    if nearest_m > FARTHEST_SITE_M:
+        raise InputError(
+            f"{path}: the nearest site lies {nearest_m / 1000:,.0f} km from the area; expected at most"
+            f" {FARTHEST_SITE_M / 1000:g} km: are the coordinates of the list, or of x = y = 0, right?"
+        )
 
 
 def holdout_of(
@@ -84,6 +107,10 @@ def holdout_of(
         without_trend,
     )
 
+    if block_m < bin_m:
+        raise InputError(
+            f"blocks of {block_m:g} m are smaller than cells of {bin_m:g} m: hide larger blocks, or use smaller cells"
+        )
     radio_map = make_measured_map(settings.model_copy(update={"bin_m": bin_m, "fill_radius_m": 0.0}))
     methods: dict[str, Method] = {
         "mean per height": height_mean,
@@ -97,28 +124,61 @@ def holdout_of(
     return block_holdout(measured_cells(radio_map, trend_db), methods, block_m, progress=progress)
 
 
-def layout_warning(deployment: "Deployment", settings: SimulatedMap, tolerated_db: float = 1.0) -> str | None:
-    """A sentence if a regular layout lacks outer rings: how much too good its SINR is at the highest level.
+WIDEST_RINGS = 40
+"""4,921 sites: no wider layout is simulated to judge another, so that the judgement takes no time."""
 
-    The layout is compared with one whose rings reach 5 km farther, on 5 x 5 places over the area.
+
+def layout_warning(deployment: "Deployment", settings: SimulatedMap, tolerated_db: float = 1.0) -> str | None:
+    """A sentence if a regular layout lacks outer rings: how much too good its SINR is at the highest level, and what mends it.
+
+    A layout is compared with one whose rings reach 5 km farther, on 5 x 5 places over the area. The advice is the smallest
+    number of rings that passes. Where that is beyond `WIDEST_RINGS` the comparison ends there, and no number is advised.
     """
     from cellpilot.radio import simulate
 
-    if settings.sites is not None:
+    if settings.sites is not None or settings.rings >= WIDEST_RINGS:
         return None
-    more = int(np.ceil(5_000.0 / settings.inter_site_distance_m))
+    more = int(min(np.ceil(5_000.0 / settings.inter_site_distance_m), WIDEST_RINGS))
     x_m, y_m = (np.linspace(*limits, 7)[1:-1] for limits in (settings.x_range_m, settings.y_range_m))
     place = (x_m, y_m[:, None], np.full((1, 1), settings.heights_m[-1]))
-    wide = make_deployment(settings.model_copy(update={"rings": settings.rings + more}))
-    alone_db, among_db = (simulate(each, *place, settings.environment, "soft").sinr_db for each in (deployment, wide))
-    excess_db = alone_db - among_db
-    if excess_db.max() <= tolerated_db:
+
+    @cache
+    def sinr_db(rings: int) -> NDArray[np.float64]:
+        layout = deployment if rings == settings.rings else make_deployment(settings.model_copy(update={"rings": rings}))
+        return simulate(layout, *place, settings.environment, "soft").sinr_db
+
+    def excess_db(rings: int) -> NDArray[np.float64]:
+        return sinr_db(rings) - sinr_db(min(rings + more, WIDEST_RINGS))
+
+    def enough(rings: int) -> bool:
+        return bool(excess_db(rings).max() <= tolerated_db)
+
+    if enough(settings.rings):
         return None
+    found_db = excess_db(settings.rings)
+    advised = _smallest(enough, settings.rings, WIDEST_RINGS - more)
+    how_many = advised or f"(how many is not known: no more than {WIDEST_RINGS} are tried)"
     return (
-        f"{len(np.unique(deployment.site))} sites alone are up to {excess_db.max():.1f} dB too good"
-        f" at {settings.heights_m[-1]:g} m (mean {excess_db.mean():.1f} dB) for a spot in a larger network:"
-        f" add outer sites with --map.rings {settings.rings + more}"
+        f"{len(np.unique(deployment.site))} sites alone are up to {found_db.max():.1f} dB too good"
+        f" at {settings.heights_m[-1]:g} m (mean {found_db.mean():.1f} dB) for a spot in a larger network:"
+        f" add outer sites with --map.rings {how_many}"
     )
+
+
+def _smallest(holds: Callable[[int], bool], failing: int, most: int) -> int | None:
+    """The smallest number above `failing` and up to `most` for which it holds, if it does from there on; None if for none."""
+    step = 1
+    while failing < most:
+        tried = min(failing + step, most)
+        if holds(tried):
+            break
+        failing, step = tried, 2 * step
+    else:
+        return None
+    while tried - failing > 1:
+        middle = (failing + tried) // 2
+        failing, tried = (failing, middle) if holds(middle) else (middle, tried)
+    return tried
 
 
 def log_options(settings: LogSettings) -> "LogOptions":
@@ -142,6 +202,8 @@ def make_simulated_map(settings: SimulatedMap, progress: Callable[[float], None]
     from cellpilot.maps import simulate_map
 
     sites = make_sites(settings)
+    if settings.sites is not None:
+        _check_near(settings.sites, sites.deployment, np.array(settings.x_range_m), np.array(settings.y_range_m))
     return simulate_map(
         sites.deployment,
         environment=settings.environment,

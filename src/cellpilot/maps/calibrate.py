@@ -43,6 +43,9 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
     the fit before and after are kept in the attributes. `InputError` for fewer than 3 cells in
     common, or a simulation or measurements without any spread.
     """
+    source = str(measured.attrs.get("source"))
+    if source in ("simulation", "ray tracing"):
+        raise InputError(f"the map to calibrate to comes from {source}, not from measurements: give one of measured logs")
     known = measured_cells(measured)
     predicted_db = _look_up(simulated, _local_to(simulated, measured, known.points_m))
     inside = np.isfinite(predicted_db)

@@ -1,6 +1,7 @@
 """Maps on disk, in the format that the end of the file's name says."""
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -24,16 +25,20 @@ FORMATS = {
     ".tiff": Format("geotiff", "GeoTIFF (extra geo)"),
     ".csv": Format("csv_cells", "CSV, one line a cell"),
 }
-"""NetCDF and Zarr keep all of a map; GeoTIFF keeps one variable, CSV all variables over cells."""
+"""NetCDF and Zarr keep all of a map; GeoTIFF and CSV all variables over cells."""
 
 
-def save_map(dataset: RadioMap, path: str | Path) -> None:
+def save_map(dataset: RadioMap, path: str | Path, *, variable: str | None = None) -> None:
     """Write a map in the format of the file's name; the folder is made, and a failed write leaves nothing behind.
 
-    `InputError` if the dataset is no valid RadioMap, the format is unknown or cannot hold it, or the place cannot be written.
+    `variable` is the only one that a GeoTIFF is to hold. `InputError` if the dataset is no valid RadioMap, the format is
+    unknown or cannot hold it, or the place cannot be written.
     """
     path = Path(path)
-    write: Callable[[RadioMap, Path], None] = _module(path).write
+    write: Callable[..., None] = _module(path).write
+    if variable is not None:
+        _check_raster(path, "one variable alone")
+        write = partial(write, variable=variable)
     try:
         write(validate(dataset), path)
     except OSError as error:
@@ -42,15 +47,26 @@ def save_map(dataset: RadioMap, path: str | Path) -> None:
         ) from None
 
 
-def load_map(path: str | Path) -> RadioMap:
-    """The map in a file, in memory and checked; `InputError` names the file and what is wrong with it."""
+def load_map(path: str | Path, *, heights_m: tuple[float, ...] | None = None) -> RadioMap:
+    """The map in a file, in memory and checked; `heights_m` are those of the bands of a GeoTIFF that does not say.
+
+    `InputError` names the file and what is wrong with it.
+    """
     path = Path(path)
-    read: Callable[[Path], RadioMap] = _module(path).read
+    read: Callable[..., RadioMap] = _module(path).read
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a map (.nc): make one with `cellpilot map`")
     if path.suffix.lower() != ".zarr" and not path.is_file():
         raise InputError(f"{path}: not a file; expected a map ({', '.join(FORMATS)})")
+    if heights_m is not None:
+        _check_raster(path, "heights of bands")
+        read = partial(read, heights_m=heights_m)
     return read(path)
+
+
+def _check_raster(path: Path, option: str) -> None:
+    if FORMATS[path.suffix.lower()].module != "geotiff":
+        raise InputError(f"{path}: {option} can be asked of GeoTIFF only: leave it out, or name a .tif")
 
 
 def _module(path: Path) -> ModuleType:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from datetime import date
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,8 +10,28 @@ from cellpilot.maps.account import ATTRIBUTE, account_of
 from cellpilot.maps.schema import RadioMap, anchor_of
 
 
+class Below(NamedTuple):
+    """Free cells of one height, how many of them count as below a threshold, and how many of those are unknown."""
+
+    free: int
+    below: int
+    unknown: int
+
+    @property
+    def share(self) -> float:
+        """Share of the free cells that count as below; 0 where there is none."""
+        return self.below / max(self.free, 1)
+
+
+def share_below(radio_map: RadioMap, iz: int, threshold_db: float) -> Below:
+    """The free cells of one height against a threshold; as in a `World`, unknown ones count as below."""
+    sinr_db = radio_map["sinr_db"].values[iz][~radio_map["blocked"].values[iz]]
+    unknown = int(np.isnan(sinr_db).sum())
+    return Below(sinr_db.size, int((sinr_db < threshold_db).sum()) + unknown, unknown)
+
+
 def described(radio_map: RadioMap, threshold_db: float, today: date | None = None) -> Iterator[str]:
-    """Lines about the grid, where the numbers come from, and each height: share below the threshold, holes, uncertainty.
+    """Lines about the grid, its borders, where the numbers come from, and each height: share below the threshold, holes.
 
     The age of measurements counts to `today`, by default the day it is.
     """
@@ -25,6 +46,7 @@ def described(radio_map: RadioMap, threshold_db: float, today: date | None = Non
         else f"x = y = 0 at {anchor.latitude_deg:.6f}, {anchor.longitude_deg:.6f}"
     )
     yield place
+    yield _area(radio_map)
     if "sector" in radio_map.dims:
         sectors = radio_map.sizes["sector"]
         stated = "sector_carrier_hz" in radio_map.coords
@@ -32,10 +54,54 @@ def described(radio_map: RadioMap, threshold_db: float, today: date | None = Non
         yield f"{sectors} sectors" + (f" on {', '.join(f'{mhz:g}' for mhz in carriers_mhz)} MHz" if carriers_mhz else "")
     for iz, z_m in enumerate(radio_map["z"].values):
         yield f"{z_m:g} m: {_level(radio_map, iz, threshold_db)}"
+    yield from _changes(radio_map)
     if ATTRIBUTE in radio_map.attrs:
         account = account_of(radio_map)
         yield _age(account.days, today or date.today())
         yield from account.lines()
+
+
+def _area(radio_map: RadioMap) -> str:
+    """Borders of the area, and where cells are squares the options that simulate on the same grid."""
+    centres = {axis: radio_map[axis].values.astype(np.float64) for axis in "xy"}
+    steps = {axis: float(np.ptp(values_m) / (values_m.size - 1)) for axis, values_m in centres.items() if values_m.size > 1}
+    # A single row is as wide as the columns: cells are squares unless the map says otherwise.
+    step_m = {axis: steps.get(axis, next(iter(steps.values()), 1.0)) for axis in "xy"}
+    borders = {axis: [_metres(centres[axis][end] + side * step_m[axis] / 2) for end, side in ((0, -1), (-1, 1))] for axis in "xy"}
+    text = "area " + ", ".join(f"{axis} {low} to {high} m" for axis, (low, high) in borders.items())
+    if abs(step_m["x"] - step_m["y"]) > 1e-3:
+        return text
+    options = [f"--map.{axis}-range-m {low} {high}" for axis, (low, high) in borders.items()]
+    options.append(f"--map.bin-m {_metres(step_m['x'])}")
+    anchor = anchor_of(radio_map)
+    if anchor is not None:
+        # In full: maps are compared cell by cell only where their anchors agree to a millimetre.
+        options.append(f"--map.anchor {anchor.latitude_deg!r} {anchor.longitude_deg!r}")
+    return f"{text}: {' '.join(options)}"
+
+
+def _metres(value_m: float) -> str:
+    """Metres to a millimetre, without needless zeros."""
+    # Plus zero: a rounded -0 is 0.
+    return f"{round(value_m, 3) + 0.0:.3f}".rstrip("0").rstrip(".")
+
+
+def _changes(radio_map: RadioMap) -> Iterator[str]:
+    """How holes were filled, and how a simulation was calibrated."""
+    attributes = radio_map.attrs
+    if "fill_method" in attributes and "fill_radius_m" in attributes:
+        radius_m = float(attributes["fill_radius_m"])
+        trend = f", departing from a simulation ({attributes['trend']})" if attributes.get("trend") else ""
+        yield f"holes filled by {attributes['fill_method']} within {radius_m:g} m{trend}" if radius_m else "holes not filled"
+    if "calibration_offset_db" in attributes:
+        offset_db, factor, before_db, after_db = (
+            float(attributes.get(f"calibration_{name}", np.nan))
+            for name in ("offset_db", "spread_factor", "rmse_db_before", "rmse_db_after")
+        )
+        yield (
+            f"calibrated by measurements: offset {offset_db:+.2f} dB, spread x {factor:.3f},"
+            f" RMSE {before_db:.2f} dB before and {after_db:.2f} dB after"
+        )
 
 
 def _age(days: tuple[str, str] | None, today: date) -> str:
@@ -47,20 +113,21 @@ def _age(days: tuple[str, str] | None, today: date) -> str:
 
 
 def _level(radio_map: RadioMap, iz: int, threshold_db: float) -> str:
-    values = {name: radio_map[name].values[iz] for name in ("sinr_db", "sinr_std_db", "count", "filled", "blocked")}
+    values = {name: radio_map[name].values[iz] for name in ("sinr_db", "sinr_std_db", "filled", "blocked")}
     free = ~values["blocked"]
     text = f"{free.sum()} free cells, {(~free).sum()} blocked"
+    share = share_below(radio_map, iz, threshold_db)
+    if share.free:
+        text += f", {share.share:.1%} below {threshold_db:g} dB"
+    if share.unknown:
+        text += f" ({share.unknown} unknown and counted as below)"
     known = free & np.isfinite(values["sinr_db"])
     if not known.any():
         return f"{text}, nothing known"
-    sinr_db = values["sinr_db"][known]
-    low, middle, high = np.percentile(sinr_db, [10, 50, 90])
-    text += f", {(sinr_db < threshold_db).mean():.1%} below {threshold_db:g} dB"
-    text += f", median {middle:.1f} dB (10 to 90 %: {low:.1f} to {high:.1f} dB)"
+    low, middle, high = np.percentile(values["sinr_db"][known], [10, 50, 90])
+    text += f", median{' of the known' if share.unknown else ''} {middle:.1f} dB (10 to 90 %: {low:.1f} to {high:.1f} dB)"
     if values["filled"].any():
         text += f", {(values['filled'] & free).sum() / known.sum():.0%} of the known ones filled"
-    if (free & ~known).any():
-        text += f", {(free & ~known).sum()} unknown and counted as bad"
     std_db = values["sinr_std_db"][known]
     if std_db.any():
         text += f", uncertain by {np.sqrt(np.mean(std_db.astype(float) ** 2)):.1f} dB"

@@ -23,9 +23,13 @@ CUTS = ("HORIZONTAL", "VERTICAL")
 
 @dataclass(frozen=True, eq=False)
 class AntennaFile:
-    """What an antenna file says; `header` holds all its lines above the cuts, by their first word in capitals."""
+    """What an antenna file says."""
 
     header: dict[str, str]
+    """All its lines but the cuts, by their first word in capitals; texts of a word that comes again are joined by "\\n".
+
+    Of a word that can have one meaning only (NAME, GAIN, FREQUENCY, TILT) the first text counts.
+    """
     gain_dbi: float
     frequency_hz: float | None
     electrical_tilt_deg: float
@@ -36,7 +40,7 @@ class AntennaFile:
     def antenna(self, electrical_tilt_deg: float | None = None, mechanical_tilt_deg: float = 0.0) -> PatternAntenna:
         """The antenna as measured, or with its vertical cut shifted from the file's electrical tilt to another one."""
         shift_deg = 0.0 if electrical_tilt_deg is None else electrical_tilt_deg - self.electrical_tilt_deg
-        name = self.header.get("NAME", "")
+        name = _first(self.header, "NAME")
         return PatternAntenna(self.gain_dbi, self.horizontal_db, self.vertical_db, shift_deg, mechanical_tilt_deg, name)
 
 
@@ -51,7 +55,7 @@ def read_antenna(path: str | Path) -> AntennaFile:
         lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); expected an antenna file (.msi or .pln)") from None
-    header: dict[str, str] = {}
+    texts: dict[str, list[str]] = {}
     cuts: dict[str, FloatArray] = {}
     number = 0
     while number < len(lines):
@@ -62,12 +66,13 @@ def read_antenna(path: str | Path) -> AntennaFile:
             number += 360
         elif word:
             _refuse_stray(path, number, word, cuts)
-            header.setdefault(word.upper(), rest.strip())
+            texts.setdefault(word.upper(), []).append(rest.strip())
     for cut in CUTS:
         if cut not in cuts:
             raise InputError(f"{path}: no line {cut} 360; expected a horizontal and a vertical cut of 360 lines each")
     horizontal_db, vertical_db = (cuts[cut] for cut in CUTS)
     bare = PatternAntenna(0.0, horizontal_db, vertical_db)
+    header = {word: "\n".join(found) for word, found in texts.items()}
     tilt_deg = _stated_tilt(header)
     return AntennaFile(
         header,
@@ -81,11 +86,22 @@ def read_antenna(path: str | Path) -> AntennaFile:
 
 def write_antenna(antenna: AntennaFile, path: str | Path) -> None:
     """Write the antenna as a Planet file that `read_antenna` reads back equal."""
-    header = {"NAME": "antenna"} | antenna.header | {"GAIN": f"{antenna.gain_dbi!r} dBi"}
-    text = [f"{key} {value}".rstrip() for key, value in header.items()]
+    text = antenna_text(antenna)
+    write_atomically(Path(path), lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def antenna_text(antenna: AntennaFile) -> str:
+    """The text of the Planet file that `write_antenna` writes."""
+    header = {"NAME": "antenna"} | antenna.header | {"GAIN": f"{float(antenna.gain_dbi)!r} dBi"}
+    text = [f"{word} {line}".rstrip() for word, lines in header.items() for line in lines.split("\n")]
     for name, cut_db in zip(CUTS, (antenna.horizontal_db, antenna.vertical_db), strict=True):
         text += [f"{name} 360", *(f"{degree} {value!r}" for degree, value in enumerate(cut_db.tolist()))]
-    write_atomically(Path(path), lambda temporary: temporary.write_text("\n".join(text) + "\n", encoding="utf-8"))
+    return "\n".join(text) + "\n"
+
+
+def _first(header: dict[str, str], word: str) -> str:
+    """The first text of that word; empty where there is none."""
+    return header.get(word, "").partition("\n")[0]
 
 
 def _read_cut(path: Path, lines: list[str], start: int, name: str) -> FloatArray:
@@ -117,7 +133,7 @@ def _refuse_stray(path: Path, number: int, word: str, cuts: dict[str, FloatArray
 
 
 def _gain_dbi(path: Path, header: dict[str, str]) -> float:
-    text = header.get("GAIN", "")
+    text = _first(header, "GAIN")
     found = re.fullmatch(r"([-+]?\d+(?:\.\d+)?)\s*(dbd|dbi)?", text, re.IGNORECASE)
     if found is None:
         raise InputError(f"{path}: GAIN is {text!r}; expected a number in dBd, or with the unit dBd or dBi")
@@ -125,12 +141,12 @@ def _gain_dbi(path: Path, header: dict[str, str]) -> float:
 
 
 def _frequency_hz(header: dict[str, str]) -> float | None:
-    found = re.match(r"(\d+(?:\.\d+)?)\s*(GHz)?", header.get("FREQUENCY", ""), re.IGNORECASE)
+    found = re.match(r"(\d+(?:\.\d+)?)\s*(GHz)?", _first(header, "FREQUENCY"), re.IGNORECASE)
     return None if found is None else float(found[1]) * (1e9 if found[2] else 1e6)
 
 
 def _stated_tilt(header: dict[str, str]) -> float | None:
     for key in ("ELECTRICAL_TILT", "TILT"):
-        if found := re.search(r"[-+]?\d+(?:\.\d+)?", header.get(key, "")):
+        if found := re.search(r"[-+]?\d+(?:\.\d+)?", _first(header, key)):
             return float(found[0])
     return None

@@ -10,6 +10,9 @@ from cellpilot.report.style import BLUE, VERMILION, drawing_settings
 DEPTH_DB = 40.0
 """What lies deeper below the peak is drawn in the middle."""
 
+RINGS_DB = np.array([30.0, 20.0, 10.0, 3.0])
+"""Depths below the peak that have a ring and a label."""
+
 
 def draw_antenna(antenna: Antenna) -> Figure:
     """Gain [dBi] around the antenna in the horizon, and in the vertical plane through boresight; save it with `save_figure`."""
@@ -49,9 +52,25 @@ def _peak(antenna: Antenna) -> tuple[float, float]:
 
 
 def _curve(axes: PolarAxes, angle_rad: np.ndarray, gain_dbi: np.ndarray, peak_dbi: float, colour: str) -> None:
-    low_dbi = peak_dbi - DEPTH_DB
-    axes.plot(angle_rad, np.maximum(gain_dbi, low_dbi), color=colour)
+    low_dbi, rings_dbi = peak_dbi - DEPTH_DB, peak_dbi - RINGS_DB
+    shown_dbi = np.maximum(gain_dbi, low_dbi)
+    axes.plot(angle_rad, shown_dbi, color=colour)
     axes.set_rlim(low_dbi, peak_dbi + 1.0)
-    axes.set_rticks([peak_dbi - depth for depth in (30.0, 20.0, 10.0, 3.0)])
-    axes.set_yticklabels([f"{peak_dbi - depth:.0f}" for depth in (30.0, 20.0, 10.0, 3.0)], fontsize=8)
-    axes.set_rlabel_position(135)
+    axes.set_rticks(rings_dbi.tolist(), labels=[])
+    angle = _clear_angle(angle_rad, shown_dbi, rings_dbi)
+    # The labels of an axis lie under the curve; these lie above it.
+    for ring_dbi in rings_dbi:
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}
+        axes.text(angle, ring_dbi, f"{ring_dbi:.0f}", fontsize=8, ha="center", va="center", zorder=4, bbox=box)
+
+
+def _clear_angle(angle_rad: np.ndarray, gain_dbi: np.ndarray, rings_dbi: np.ndarray) -> float:
+    """The direction between the spokes [rad] in which the curve keeps farthest from the labels of the rings."""
+    candidates = np.radians(np.arange(22.5, 360.0, 45.0))
+    off_rad = np.abs((angle_rad - candidates[:, None] + np.pi) % (2 * np.pi) - np.pi)
+    radius_db = DEPTH_DB - RINGS_DB
+    # Towards the middle a label spans more of the circle: 7 degrees to each side at the outermost ring.
+    half_width_rad = np.radians(7.0) * radius_db.max() / radius_db
+    distance_db = np.abs(gain_dbi - rings_dbi[:, None])
+    near = off_rad[:, None, :] <= half_width_rad[:, None]
+    return float(candidates[np.where(near, distance_db, np.inf).min(axis=(1, 2)).argmax()])

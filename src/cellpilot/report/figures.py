@@ -152,10 +152,15 @@ FORMATS: dict[str, tuple[int, dict[str, None]]] = {
 """Suffix of a picture -> resolution [dots per inch] and metadata: without a date, the same run gives the same file."""
 
 
-def save_figure(figure: Figure, path: Path) -> bytes:
-    """Save a figure atomically in the format of its suffix (png, pdf or svg) and return the bytes; else `InputError`."""
+def check_picture_name(path: Path) -> None:
+    """`InputError` for a name that `save_figure` will refuse: to be called before the work that the picture shows."""
     if path.suffix not in FORMATS:
         raise InputError(f"{path}: expected a picture's name ending in {', '.join(FORMATS)}")
+
+
+def save_figure(figure: Figure, path: Path) -> bytes:
+    """Save a figure atomically in the format of its suffix (png, pdf or svg) and return the bytes; else `InputError`."""
+    check_picture_name(path)
     dpi, metadata = FORMATS[path.suffix]
     picture = io.BytesIO()
     figure.savefig(picture, format=path.suffix[1:], dpi=dpi, bbox_inches="tight", pad_inches=PAD_IN, metadata=metadata)

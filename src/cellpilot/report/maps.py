@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cellpilot.grid import Grid
 from cellpilot.maps import RadioMap, grid_of
+from cellpilot.maps.words import share_below
 from cellpilot.report.content import Content
 from cellpilot.report.numbers import percent
 from cellpilot.report.plane import (
@@ -30,6 +31,7 @@ from cellpilot.report.plane import (
     site_places_m,
     sites_inside,
     special_handles,
+    trim_height,
 )
 from cellpilot.report.style import BLUE, CHANCE_COLOURS, SINR_COLOURS, VERMILION, drawing_settings, legend_below, single_axes
 from cellpilot.world import World
@@ -123,8 +125,9 @@ def _sinr_map(radio_map: RadioMap, threshold_db: float) -> Figure:
         if len(sites):
             draw_boresights(axes, radio_map, 0.08 * (grid.x_m[-1] - grid.x_m[0]))
         draw_sites(axes, sites)
-        n_known = int(np.isfinite(sinr_db[iz]).sum())
-        axes.set_title(f"{grid.z_m[iz]:g} m: {percent(below.sum() / max(n_known, 1), digits=0)} below")
+        share = share_below(radio_map, iz, threshold_db)
+        unknown = f"\n({share.unknown} of {share.free} unknown)" if share.unknown else ""
+        axes.set_title(f"{grid.z_m[iz]:g} m: {percent(share.share, digits=0)} below{unknown}")
     draw_scale_and_north(panels[0], grid)
     bar = figure.colorbar(mesh, ax=panels, label="mean SINR [dB]", pad=0.02)
     mark_on_bar(bar, threshold_db)
@@ -137,6 +140,7 @@ def _sinr_map(radio_map: RadioMap, threshold_db: float) -> Figure:
         *special_handles(radio_map, heights),
     ]
     legend_below(figure, handles, columns=3)
+    trim_height(figure)
     return figure
 
 
@@ -175,4 +179,5 @@ def draw_low_probability(run: Content) -> Figure:
         axes.set_title(name if len(heights) == 1 else f"{grid.z_m[iz]:g} m, {name}", fontsize=8.5)
     figure.colorbar(mesh, ax=panels, label=f"P(SINR < {run.task.threshold_db:g} dB) in one step [1]", pad=0.02)
     legend_below(figure, [*([site_handle()] if len(sites) else []), *special_handles(run.radio_map, heights)], columns=3)
+    trim_height(figure)
     return figure

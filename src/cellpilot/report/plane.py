@@ -10,6 +10,8 @@ from matplotlib.colors import Colormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from cellpilot.grid import Grid
@@ -21,6 +23,8 @@ BoolArray = NDArray[np.bool_]
 
 MAX_PANELS = 6
 COLUMNS = 3
+GAP_IN = 0.06
+"""Between panels and what stands above and below them [in]."""
 
 
 def cell_edges_m(centres_m: tuple[float, ...], other_m: tuple[float, ...]) -> FloatArray:
@@ -57,6 +61,8 @@ def plane_panels(
         axes = figure.add_subplot(rows, columns, i + 1)
         axes.set(aspect="equal", xlim=(x_m[0], x_m[-1]), ylim=(y_m[0], y_m[-1]))
         axes.locator_params(nbins=4)
+        if columns > 1:
+            axes.set_xticks(inner_ticks(x_m[0], x_m[-1]))
         # Inner panels share the axes of the outer ones.
         axes.tick_params(labelbottom=i + columns >= n_panels, labelleft=i % columns == 0)
         if i + columns >= n_panels:
@@ -65,6 +71,25 @@ def plane_panels(
             axes.set_ylabel("y, north [m]")
         panels.append(axes)
     return figure, panels
+
+
+def inner_ticks(low: float, high: float) -> list[float]:
+    """Round values between two borders, but none whose label would touch that of the panel beside it."""
+    ticks = MaxNLocator(4).tick_values(low, high)
+    margin = 0.1 * (high - low)
+    inner = ticks[(ticks >= low + margin) & (ticks <= high - margin)]
+    return inner.tolist() if inner.size else [(low + high) / 2]
+
+
+def trim_height(figure: Figure) -> None:
+    """Take away the height that panels of a fixed shape leave blank above themselves and above the legend."""
+    figure.draw_without_rendering()
+    panels = Bbox.union([axes.get_tightbbox() for axes in figure.axes if axes.get_label() != "<colorbar>"])
+    tops = [figure.bbox.y1] if figure._suptitle is None else [figure._suptitle.get_window_extent().y0]
+    lows = [legend.get_window_extent().y1 for legend in figure.legends] or [figure.bbox.y0]
+    blank_in = (min(tops) - panels.y1 + panels.y0 - max(lows)) / figure.dpi - 2 * GAP_IN
+    if blank_in > 0:
+        figure.set_figheight(figure.get_figheight() - blank_in)
 
 
 def draw_cells(axes: Axes, grid: Grid, values: NDArray[Any], colours: str | Colormap, low: float, high: float) -> QuadMesh:
@@ -167,6 +192,11 @@ def draw_sites(axes: Axes, places_m: FloatArray) -> None:
 def site_handle() -> Line2D:
     """Legend entry of a site."""
     return Line2D([], [], linestyle="", marker="^", markersize=8, markerfacecolor="white", markeredgecolor="black", label="site")
+
+
+def white_handle(label: str) -> Patch:
+    """Legend entry of cells that stay white."""
+    return Patch(facecolor="white", edgecolor="0.35", linewidth=0.6, label=label)
 
 
 def outline_handle(label: str) -> Line2D:

@@ -151,6 +151,34 @@ def rf_class_rows(metrics: dict[str, Any]) -> tuple[list[str], list[Row]]:
     return headings, rows
 
 
+MOBILITY_COLUMNS = {
+    "longest_outage_p90_s": "outage p90 [s]",
+    "handovers_per_km": "handovers/km",
+    "ping_pong_share": "ping-pong",
+    "links_lost_per_km": "lost/km",
+    "serving_loss_mean_db": "below best [dB]",
+}
+"""Columns of the second table in a terminal: what the network does meanwhile."""
+
+
+def mobility_table(metrics: dict[str, Any]) -> Table:
+    """Outages in seconds and handovers for the terminal, from the payload `metrics` of `eval.nc`."""
+    names = {name: column for name, column in columns().items() if name in MOBILITY_COLUMNS}
+    table = Table(
+        title=f"sampled flights at {metrics['speed_mps']:g} m/s",
+        caption="outage: longest time below the threshold; below best: SINR lost to a serving sector that is not the best",
+        box=SIMPLE_HEAD,
+        collapse_padding=True,
+        pad_edge=False,
+    )
+    table.add_column("policy", no_wrap=True)
+    for name in names:
+        table.add_column(MOBILITY_COLUMNS[name], justify="right", no_wrap=True)
+    for row in policy_rows(metrics["policies"], source_of(metrics), names):
+        table.add_row(row.policy, *row.cells.values())
+    return table
+
+
 def text_table(metrics: dict[str, Any]) -> Table:
     """The summary for the terminal, from the payload `metrics` of `eval.nc`: this run, then the published row if there is one."""
     names = {name: column for name, column in columns().items() if name in TERMINAL_COLUMNS}

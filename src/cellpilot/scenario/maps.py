@@ -17,7 +17,7 @@ class SimulatedMap(Settings):
     x_range_m: Pair = Field((-200.0, 200.0), description="west and east border [m] (section 4.2.1)")
     y_range_m: Pair = Field((-200.0, 200.0), description="south and north border [m] (section 4.2.1)")
     bin_m: Positive = Field(20.0, description="side of a cell [m] (section 4.2.1)")
-    points_per_side: Count = Field(8, description="simulated points along each side of a cell, averaged in dB")
+    points_per_side: int = Field(8, ge=1, le=100, description="simulated points along each side of a cell, averaged in dB")
     environment: Literal["UMa-AV", "UMi-AV", "RMa-AV"] = Field("UMa-AV", description="3GPP TR 36.777 scenario")
     los: Literal["soft", "sampled", "los", "nlos"] = Field("soft", description="line of sight: averaged, drawn or forced")
     shadowing_seed: int | None = Field(None, ge=0, lt=2**63, description="seed of shadowing and sampled LOS; None = no shadowing")
@@ -25,11 +25,11 @@ class SimulatedMap(Settings):
         None, description="site list (CSV) instead of the hexagonal deployment below"
     )
     anchor: Pair | None = Field(None, description="LAT LON of x = y = 0 [deg]; None = the middle of the site list")
-    rings: int = Field(1, ge=0, description="rings of sites around the centre site; 1 = 7 sites (Table 4.1)")
+    rings: int = Field(1, ge=0, le=100, description="rings of sites around the centre site; 1 = 7 sites (Table 4.1)")
     inter_site_distance_m: Positive = Field(500.0, description="distance between sites [m] (Table 4.1)")
     boresights_deg: Floats = Field((30.0, 150.0, 270.0), description="sector boresights, counter-clockwise from east [deg]")
     base_height_m: Positive = Field(25.0, description="antenna height [m] (section 4.2.1)")
-    power_dbm: Finite = Field(48.0, description="power of each sector [dBm] (Table 4.1)")
+    power_dbm: float = Field(48.0, ge=-100, le=100, description="power of each sector [dBm] (Table 4.1)")
     carrier_hz: Positive = Field(2e9, description="carrier frequency [Hz] (Table 4.1)")
     bandwidth_hz: Positive = Field(10e6, description="carrier bandwidth [Hz] (Table 4.1)")
     noise_figure_db: Finite = Field(9.0, description="receiver noise figure [dB]")
@@ -62,14 +62,14 @@ class LogSettings(Settings):
 
     logs: Paths = Field((), description="log files; several files = several heights, or parts of one flight")
     altitude_m: Annotated[float | None, tyro.conf.arg(aliases=("--altitude",))] = Field(
-        None, ge=0, description="height of the logs [m]; None = as the logs or their file names say"
+        None, ge=0, le=10_000, description="height of the logs [m]; None = as the logs or their file names say"
     )
     ground_altitude_m: Finite | None = Field(
         None, description="altitude of height 0 [m] for logs that count from ellipsoid or sea"
     )
     height_step_m: Positive = Field(10.0, description="altitudes of a log are put on multiples of this [m]")
     columns: str | None = Field(
-        None, description="columns of a log of unknown kind: lat=..,lon=..,sinr=..,alt=..,rsrp=..,cell=.."
+        None, description="columns of a log of unknown kind: lat=..,lon=..,sinr=.. and alt, rsrp, rsrq, cell, time, accuracy"
     )
     altitude_unit: Literal["m", "ft"] | None = Field(None, description="unit of the altitude column where its name does not say")
     altitude_reference: Literal["take-off", "ellipsoid", "sea-level"] | None = Field(

@@ -25,16 +25,16 @@ def main(arguments: Sequence[str]) -> int:
     """Print and draw."""
     options = parse(AntennaOptions, arguments, "cellpilot map antenna", "Draw both cuts of an antenna.")
     from cellpilot.report.antenna import draw_antenna
-    from cellpilot.report.figures import save_figure
+    from cellpilot.report.figures import check_picture_name, save_figure
 
+    path = options.out or Path(options.file.stem + ".png")
+    check_picture_name(path)
     found = read_antenna(options.file)
     antenna = found.antenna(options.electrical_tilt_deg, options.mechanical_tilt_deg)
     carrier = "unknown frequency" if found.frequency_hz is None else f"{found.frequency_hz / 1e6:g} MHz"
     out.print(
-        f"{options.file}: {found.header.get('NAME', 'no name')}, {carrier}, {found.gain_dbi:.2f} dBi,"
-        f" downtilt {antenna.downtilt_deg:g} deg"
+        f"{options.file}: {antenna.name or 'no name'}, {carrier}, {found.gain_dbi:.2f} dBi, downtilt {antenna.downtilt_deg:g} deg"
     )
-    path = options.out or Path(options.file.stem + ".png")
     save_figure(draw_antenna(antenna), path)
     out.print(f"picture: {path}")
     return 0

@@ -8,7 +8,7 @@ from pydantic import Field
 from rich.table import Table
 
 from cellpilot.cli.console import out
-from cellpilot.cli.options import parse
+from cellpilot.cli.options import parse, refuse_overwriting
 from cellpilot.maps import load_map, save_map
 from cellpilot.maps.calibrate import calibrate
 from cellpilot.scenario import Settings
@@ -25,6 +25,7 @@ class CalibrateOptions(Settings):
 def main(arguments: Sequence[str]) -> int:
     """Calibrate, write, print before and after."""
     options = parse(CalibrateOptions, arguments, "cellpilot map calibrate", "Fit a simulated map to measurements.")
+    refuse_overwriting(options.out, (options.simulated, options.to))
     result = calibrate(load_map(options.simulated), load_map(options.to))
     save_map(result.radio_map, options.out)
     table = Table(title=f"{result.cells} measured cells within the simulated map")

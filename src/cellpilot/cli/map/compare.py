@@ -26,6 +26,10 @@ class CompareOptions(Settings):
 def main(arguments: Sequence[str]) -> int:
     """Print the figures and draw both maps with their difference."""
     options = parse(CompareOptions, arguments, "cellpilot map compare", "Compare two maps of one grid.")
+    from cellpilot.report.figures import check_picture_name, save_figure
+    from cellpilot.report.map_views import draw_comparison, heights_left_out
+
+    check_picture_name(options.out)
     a, b = load_map(options.a), load_map(options.b)
     table = Table(title=f"{options.b} less {options.a}, cells known in both")
     columns = ("height [m]", "cells", "mean difference [dB]", "RMS difference [dB]", "correlation", "agree on the threshold")
@@ -35,9 +39,6 @@ def main(arguments: Sequence[str]) -> int:
         figures = (f"{row.mean_db:+.2f}", f"{row.rms_db:.2f}", f"{row.correlation:.3f}", f"{row.agreement:.1%}")
         table.add_row(row.height, str(row.cells), *figures)
     out.print(table)
-    from cellpilot.report.figures import save_figure
-    from cellpilot.report.map_views import draw_comparison
-
     save_figure(draw_comparison(a, b, (options.a.stem, options.b.stem), options.threshold_db), options.out)
-    out.print(f"picture: {options.out}")
+    out.print(f"picture: {options.out}{heights_left_out(a)}")
     return 0

@@ -8,18 +8,18 @@ from pydantic import Field
 from rich.table import Table
 
 from cellpilot.cli.console import out, share_bar
-from cellpilot.cli.options import parse, refuse_idle
+from cellpilot.cli.options import parse, refuse_idle, refuse_overwriting
 from cellpilot.errors import InputError
 from cellpilot.experiment import holdout_of, make_measured_map
 from cellpilot.maps import account_of, save_map
 from cellpilot.maps.sources.sionna_file import SUFFIX, Receiver, read_sionna
-from cellpilot.scenario import Finite, LogSettings, NonNegative, Paths, Positive, Settings
+from cellpilot.scenario import LogSettings, NonNegative, Paths, Positive, Settings
 
 
 class ReceiverOptions(Settings):
     """The network behind a saved Sionna map (.npz) of path gains, the same for all its transmitters."""
 
-    power_dbm: Finite = Field(Receiver.power_dbm, description="transmit power [dBm]")
+    power_dbm: float = Field(Receiver.power_dbm, ge=-100, le=100, description="transmit power [dBm]")
     carrier_hz: Positive = Field(Receiver.carrier_hz, description="carrier frequency [Hz]")
     bandwidth_hz: Positive = Field(Receiver.bandwidth_hz, description="channel bandwidth [Hz]")
     noise_figure_db: NonNegative = Field(Receiver.noise_figure_db, description="noise figure of the receiver [dB]")
@@ -42,6 +42,9 @@ class ImportOptions(LogSettings):
 def main(arguments: Sequence[str]) -> int:
     """Import, write, and tell what became of every line."""
     options = parse(ImportOptions, arguments, "cellpilot map import", "Grid measured logs into a map.")
+    refuse_overwriting(options.out, (*options.logs, options.trend))
+    if not options.logs:
+        raise InputError("no file given; expected measured logs (.csv), or maps saved by Sionna RT (.npz)")
     saved = [path for path in options.logs if path.suffix.lower() == SUFFIX]
     if saved:
         idle = tuple(name for name in ImportOptions.model_fields if name not in ("logs", "out", "receiver"))
@@ -62,16 +65,17 @@ def main(arguments: Sequence[str]) -> int:
     else:
         with share_bar("fill") as progress:
             radio_map = make_measured_map(options, progress=progress)
+        checked = _holdout_table(options) if options.holdout else None
         save_map(radio_map, options.out)
         for line in account_of(radio_map).lines():
             out.print(line)
-        if options.holdout:
-            _print_holdout(options)
+        if checked is not None:
+            out.print(checked)
     out.print(f"map: {options.out}")
     return 0
 
 
-def _print_holdout(options: ImportOptions) -> None:
+def _holdout_table(options: ImportOptions) -> Table:
     table = Table(
         title=f"{options.holdout_block_m:g} m blocks hidden at all heights, {options.holdout_bin_m:g} m cells, mean of 10 splits"
     )
@@ -81,4 +85,4 @@ def _print_holdout(options: ImportOptions) -> None:
         results = holdout_of(options, options.holdout_bin_m, options.holdout_block_m, progress)
     for name, result in results.items():
         table.add_row(name, f"{result.rmse_db:.3f}", f"{result.mae_db:.3f}", f"{result.coverage:.1%}", f"{result.answered:.1%}")
-    out.print(table)
+    return table

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from cellpilot.cli.console import out, share_bar
-from cellpilot.cli.options import parse, refuse_idle
+from cellpilot.cli.options import parse, refuse_idle, refuse_overwriting
 from cellpilot.errors import InputError
 from cellpilot.experiment import make_sites
 from cellpilot.maps import save_map
@@ -36,6 +36,7 @@ IDLE = ("environment", "los", "shadowing_seed", "points_per_side", "array_factor
 def main(arguments: Sequence[str]) -> int:
     """Trace and write."""
     options = parse(RaytraceOptions, arguments, "cellpilot map raytrace", "Make a map by ray tracing.")
+    refuse_overwriting(options.out, (options.map.sites,))
     refuse_idle(options.map, IDLE, "is for the 3GPP simulation, not for ray tracing", "map.")
     sites = make_sites(options.map)
     if options.map.sites is not None and sites.anchor is not None and options.map.anchor is None:

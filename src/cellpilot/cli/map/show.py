@@ -30,11 +30,13 @@ def main(arguments: Sequence[str]) -> int:
     options = parse(ShowOptions, arguments, "cellpilot map show", "Draw a map.")
     if options.what != "probability":
         refuse_idle(options, ("noise_std_db",), "is for --what probability")
-    from cellpilot.report.figures import save_figure
-    from cellpilot.report.map_views import draw_map
+    from cellpilot.report.figures import check_picture_name, save_figure
+    from cellpilot.report.map_views import draw_map, heights_left_out
 
     default = options.file.with_suffix(".png" if options.what == "sinr" else f".{options.what}.png")
     path = options.out or default
-    save_figure(draw_map(load_map(options.file), options.what, options.threshold_db, options.noise_std_db), path)
-    out.print(f"picture: {path}")
+    check_picture_name(path)
+    radio_map = load_map(options.file)
+    save_figure(draw_map(radio_map, options.what, options.threshold_db, options.noise_std_db), path)
+    out.print(f"picture: {path}{heights_left_out(radio_map)}")
     return 0

@@ -1,5 +1,6 @@
 """`cellpilot map simulate`: the map of a scenario's deployment or of a site list."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import tyro
 from pydantic import Field
 
 from cellpilot.cli.console import out, share_bar, warn
-from cellpilot.cli.options import parse, scenario_argument
+from cellpilot.cli.options import parse, refuse_overwriting, scenario_argument
 from cellpilot.errors import InputError
 from cellpilot.experiment import layout_warning, make_map, make_sites
 from cellpilot.maps import save_map
@@ -24,17 +25,18 @@ class SimulateOptions(Settings):
 
 def main(arguments: Sequence[str]) -> int:
     """Simulate and write."""
-    # A scenario is the base of the settings; with a site list the thesis's is as good as any.
-    arguments = list(arguments)
-    if "--sites" in arguments:
-        arguments[arguments.index("--sites")] = "--map.sites"
+    arguments = [re.sub(r"^--sites(?=$|=)", "--map.sites", argument) for argument in arguments]
     given = any(argument.split("=")[0] == "--map.sites" for argument in arguments)
-    found = None if given and (not arguments or arguments[0].startswith("-")) else scenario_argument(arguments)
+    # A scenario is the base of the settings; with a site list the thesis's is as good as any.
+    found = scenario_argument([*arguments, "thesis-2d"] if given and arguments[0].startswith("-") else arguments)
     name, scenario = found if found else ("thesis-2d", Scenario())
     default = SimulateOptions(scenario=name, map=scenario.map)
     options = parse(SimulateOptions, arguments, "cellpilot map simulate", "Make the map of a scenario.", default)
+    if options.scenario != name:
+        raise InputError(f"{options.scenario}: no scenario of that name; expected a TOML file or the name of a shipped scenario")
     if not isinstance(options.map, SimulatedMap):
         raise InputError(f"{name} has no simulated map; import its logs instead: cellpilot map import")
+    refuse_overwriting(options.out, (options.map.sites,))
     with share_bar("simulate") as progress:
         save_map(make_map(options.map, progress=progress), options.out)
     out.print(f"map: {options.out}")

@@ -17,7 +17,9 @@ from cellpilot.scenario import Finite, Floats, Positive, Settings, SimulatedMap,
 class SitesOptions(Settings):
     """Options of `map sites`."""
 
-    scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
+    scenario: tyro.conf.Positional[str | None] = Field(
+        None, description="TOML file or name of a shipped scenario; None = thesis-2d"
+    )
     out: Path = Field(Path("sites.csv"), description="site list to write", strict=False)
     opencellid: Path | None = Field(None, description="OpenCelliD export: LTE positions of one operator instead", strict=False)
     operator: str | None = Field(None, description="operator in the OpenCelliD file, MCC-MNC")
@@ -39,17 +41,22 @@ ASSUMED = ("azimuths_deg", "height_m", "electrical_tilt_deg", "power_dbm", "carr
 def main(arguments: Sequence[str]) -> int:
     """Write the list."""
     options = parse(SitesOptions, arguments, "cellpilot map sites", "Write a site list.")
+    if options.out.exists():
+        raise InputError(f"{options.out}: exists already, perhaps edited; choose another file with --out, or remove it")
     if options.opencellid is not None:
+        if options.scenario is not None:
+            raise InputError(f"{options.scenario} has no say in the positions of --opencellid FILE: leave one of them out")
         assumed = AssumedSectors(**{name: getattr(options, name) for name in ASSUMED})
         found = read_opencellid(options.opencellid, options.operator, assumed)
-        write_sites(found.deployment, options.out, found.names, found.anchor)
+        write_sites(found.deployment, options.out, found.names, found.anchor, found.note)
         for line in found.account:
             out.print(line)
     else:
         refuse_idle(options, ("operator", *ASSUMED), "is for the positions of --opencellid FILE")
-        settings = load_scenario(find_scenario(options.scenario)).map
+        scenario = options.scenario or "thesis-2d"
+        settings = load_scenario(find_scenario(scenario)).map
         if not isinstance(settings, SimulatedMap):
-            raise InputError(f"{options.scenario} has no deployment: its map is not simulated")
+            raise InputError(f"{scenario} has no deployment: its map is not simulated")
         sites = make_sites(settings)
         write_sites(sites.deployment, options.out, sites.names, sites.anchor)
     out.print(f"sites: {options.out}")

@@ -46,7 +46,7 @@ def block_holdout(
     if n_hidden < 1 or len(blocks) < 5:
         raise InputError(
             f"the measurements fill {len(blocks)} block(s) of {block_m:g} m; a hold-out check needs at least 5:"
-            " use smaller blocks"
+            " use smaller blocks or cells, or a longer log"
         )
     rows: dict[str, list[HoldOut]] = {name: [] for name in methods}
     for split in range(splits):

@@ -7,19 +7,20 @@ import csv
 import json
 from math import isnan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cellpilot.errors import InputError
+from cellpilot.maps.formats.cells import VARIABLES, attributes_json
 from cellpilot.maps.geodesy import to_degrees
-from cellpilot.maps.schema import CELL, FIELDS, RadioMap, anchor_of, make_map, validate
+from cellpilot.maps.schema import CELL, RadioMap, anchor_of, make_map, validate
 from cellpilot.maps.text_table import Column, open_table
 from cellpilot.provenance import write_atomically
 
 MARK = "# cellpilot map "
 PLACES = ("x_m", "y_m", "z_m")
-VARIABLES = tuple(name for name, field in FIELDS.items() if field.dims == CELL)
 
 
 def write(dataset: RadioMap, path: Path) -> None:
@@ -35,9 +36,14 @@ def write(dataset: RadioMap, path: Path) -> None:
     # Float32 values are written as short as they can be without loss.
     texts |= {name: [_text(v) for v in columns[name].astype(str)] for name in names if columns[name].dtype == np.float32}
 
+    try:
+        attributes = attributes_json(dataset)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
     def fill(temporary: Path) -> None:
         with temporary.open("w", encoding="utf-8", newline="") as file:
-            file.write(MARK + json.dumps(dataset.attrs, sort_keys=True) + "\n")
+            file.write(MARK + attributes + "\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(texts)
             writer.writerows(zip(*texts.values(), strict=True))
@@ -52,7 +58,7 @@ def read(path: Path) -> RadioMap:
         (*PLACES, "sinr_db"), "; expected a map with one line a cell (a measured log is imported: cellpilot map import)"
     )
     names = [name for name in VARIABLES if name in table.names]
-    limits = {name: Column(name, -1e9, 1e9) for name in (*PLACES, *names)}
+    limits = {name: Column(name, -(2.0**31), 2.0**31) for name in (*PLACES, *names)}
     lines, cells = [], []
     for row in rows:
         row.check_width()
@@ -96,17 +102,14 @@ def read(path: Path) -> RadioMap:
 
 
 def _gridded(values: np.ndarray, index: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
-    array = np.full(
-        np.prod(shape),
-        {"sinr_db": np.nan, "sinr_std_db": np.nan, "sinr_spread_db": np.nan, "blocked": 1.0, "serving_sector": -1.0}.get(
-            name, 0.0
-        ),
-    )
-    array[index] = values
+    """Values over cells; where there is no line or no number, what the schema has for cells of which nothing is known."""
+    unknown = {"count": 0.0, "filled": 0.0, "blocked": 1.0, "serving_sector": -1.0}.get(name, np.nan)
+    array = np.full(np.prod(shape), unknown)
+    array[index] = np.where(np.isnan(values), unknown, values)
     return array.reshape(shape)
 
 
-def _attributes(path: Path) -> dict[str, str | int | float]:
+def _attributes(path: Path) -> dict[str, Any]:
     with path.open(encoding="utf-8-sig") as file:
         first = file.readline()
     if not first.startswith(MARK):

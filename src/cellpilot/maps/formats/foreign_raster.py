@@ -1,5 +1,6 @@
 """A raster of any coordinate system on a grid of local metres, each cell taking the pixel that its centre lies in."""
 
+from math import ceil
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -72,32 +73,32 @@ def apply(transform: Any, column: Any, row: Any) -> tuple[Any, Any]:
 def _centres(file: "DatasetReader", to_wgs84: Any, anchor: Anchor) -> tuple[FloatArray, FloatArray]:
     """Centres of cells as wide and as high as a pixel, so many that they cover the raster."""
 
-    def local(column: Any, row: Any) -> tuple[FloatArray, FloatArray]:
+    def local(column: Any, row: Any) -> FloatArray:
         longitude_deg, latitude_deg = to_wgs84.transform(*apply(file.transform, column, row))
-        return to_local(latitude_deg, longitude_deg, anchor)
+        return np.stack(to_local(latitude_deg, longitude_deg, anchor))
 
     width, height = file.width, file.height
     columns, rows = np.arange(width + 1.0), np.arange(height + 1.0)
-    edges = [
+    edges = (
         local(columns, 0 * columns),
         local(columns, 0 * columns + height),
         local(0 * rows, rows),
         local(0 * rows + width, rows),
-    ]
-    x_m, y_m = (np.concatenate(axis) for axis in zip(*edges, strict=True))
+    )
+    x_m, y_m = np.concatenate(edges, axis=1)
     if not (np.isfinite(x_m).all() and np.isfinite(y_m).all()):
         raise InputError("parts of the raster lie nowhere on Earth; expected another coordinate system, or a part of it")
-    middles = (np.array([0.0, width]), np.full(2, height / 2)), (np.full(2, width / 2), np.array([0.0, height]))
-    (across_m, n_across), (down_m, n_down) = (
-        (np.ptp(np.stack(local(*line)), axis=1), n) for line, n in zip(middles, (width, height), strict=True)
-    )
-    if across_m[0] < across_m[1]:  # columns run rather north than east
-        (across_m, n_across), (down_m, n_down) = (down_m, n_down), (across_m, n_across)
-    return _axis(x_m, np.hypot(*across_m) / n_across, n_across), _axis(y_m, np.hypot(*down_m) / n_down, n_down)
+    across_m = local(width, height / 2) - local(0, height / 2)
+    down_m = local(width / 2, height) - local(width / 2, 0)
+    along_x, along_y = (float(np.hypot(*across_m)), width), (float(np.hypot(*down_m)), height)
+    if abs(across_m[0]) < abs(across_m[1]):  # columns run rather north than east
+        along_x, along_y = along_y, along_x
+    return _axis(x_m, *along_x), _axis(y_m, *along_y)
 
 
-def _axis(edges_m: FloatArray, step_m: float, n_pixels: int) -> FloatArray:
-    """Centres around 0 that cover the edges but for a quarter of a cell; pixel centres stay cell centres (odd or even)."""
-    beyond = np.ptp(edges_m) / step_m - n_pixels
-    n = n_pixels + 2 * max(0, int(np.ceil(beyond / 2 - 0.25)))
-    return (np.arange(n) - (n - 1) / 2) * step_m
+def _axis(edges_m: FloatArray, length_m: float, n_pixels: int) -> FloatArray:
+    """Centres around 0 that cover the edges but for a quarter of a cell; odd stays odd, so that centres meet centres."""
+    step_m = length_m / n_pixels
+    beyond = float(np.ptp(edges_m)) / step_m - n_pixels
+    n = n_pixels + 2 * max(0, ceil(beyond / 2 - 0.25))
+    return np.asarray((np.arange(n) - (n - 1) / 2) * step_m, dtype=np.float64)

@@ -1,83 +1,88 @@
-"""GeoTIFF: one variable of a map, one band for each height (extra `geo`).
+"""GeoTIFF: a band of SINR for each height, then bands of what else is known about the cells (extra `geo`).
 
 A map's local metres are degrees times two constants (see `geodesy`), so a map is written in WGS84 degrees (EPSG:4326)
-without resampling, and comes back equal. A raster in any other coordinate system is read onto a local grid of its own pixel
-size, each cell taking the value of the pixel that its centre lies in.
+without resampling, and comes back equal. Any other raster, and a map that was moved, cropped or resampled since it was
+written, is read onto a local grid (see `foreign_raster`).
 """
 
 import json
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
 
 from cellpilot.errors import InputError
-from cellpilot.maps.geodesy import Anchor, metres_per_degree, to_degrees, to_local
-from cellpilot.maps.schema import FIELDS, RadioMap, anchor_of, make_map
+from cellpilot.maps.formats.cells import VARIABLES, attributes_json
+from cellpilot.maps.formats.foreign_raster import WGS84, FloatArray, apply, local_grid
+from cellpilot.maps.formats.raster_bands import bands_of, check_georeferenced, values_of
+from cellpilot.maps.geodesy import Anchor, metres_per_degree, to_degrees
+from cellpilot.maps.schema import FIELDS, RadioMap, anchor_of, make_map, validate
 from cellpilot.provenance import write_atomically
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
 
-WGS84 = "EPSG:4326"
 TAG = "CELLPILOT"
-"""Tag that holds the map's attributes and local coordinates as JSON."""
+"""Tag that holds the map's attributes, variables and local coordinates as JSON."""
 
-FloatArray = NDArray[np.float64]
+TOLERANCE_M = 1e-3
+"""How far the corners of a raster may lie from where `write` puts them for the local coordinates of its tag to be taken."""
 
 
-def write(dataset: RadioMap, path: Path, variable: str = "sinr_db") -> None:
-    """Write one variable over cells of a map that has an anchor; unknown is NaN, which is also the nodata value.
+def write(dataset: RadioMap, path: Path, variable: str | None = None) -> None:
+    """Write a map that has an anchor; unknown is NaN, which is also the nodata value.
 
-    `InputError` for a map without an anchor, a variable it does not have, or heights and places that are no raster.
+    SINR comes first, so that band i is height i, then each other variable over cells that says something; a `variable` that
+    is named is written alone. `InputError` for a map without an anchor or with a single column and row, and for a variable
+    that it does not have or that belongs to sectors.
     """
     rasterio = _rasterio()
     anchor = anchor_of(dataset)
     if anchor is None:
         raise InputError(f"{path}: the map lies nowhere on Earth; give it an anchor (latitude and longitude of x = y = 0)")
-    if variable not in dataset:
-        raise InputError(f"{path}: the map has no {variable}; it has {', '.join(map(str, dataset.data_vars))}")
     x_m, y_m, z_m = (dataset[axis].values for axis in "xyz")
-    bands = dataset[variable].values[:, ::-1].astype(np.float32)  # rasters begin in the north-west
-    per_longitude_m, per_latitude_m = metres_per_degree(anchor.latitude_deg)
-    step_x_deg, step_y_deg = _step(x_m, y_m) / per_longitude_m, _step(y_m, x_m) / per_latitude_m
-    north_deg, west_deg = to_degrees(x_m[0], y_m[-1], anchor)
-    transform = rasterio.Affine(
-        step_x_deg, 0, float(west_deg) - step_x_deg / 2, 0, -step_y_deg, float(north_deg) + step_y_deg / 2
-    )
+    try:
+        layers = _layers(dataset, variable)
+        transform = rasterio.Affine(*_transform(x_m, y_m, anchor))
+        tag = attributes_json(dataset, x=x_m.tolist(), y=y_m.tolist(), variables=list(layers))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    # Beyond 2^24 whole numbers have gaps in float32; all bands of a GeoTIFF are of one type.
+    exact = all(np.array_equal(values.astype(np.float32), values, equal_nan=True) for values in layers.values())
     profile = {
         "driver": "GTiff",
         "width": len(x_m),
         "height": len(y_m),
-        "count": len(z_m),
-        "dtype": "float32",
+        "count": len(layers) * len(z_m),
+        "dtype": "float32" if exact else "float64",
         "crs": WGS84,
         "transform": transform,
         "nodata": float("nan"),
         "compress": "deflate",
+        "interleave": "band",
     }
-    about = {"x": x_m.tolist(), "y": y_m.tolist(), "variable": variable, "attrs": dataset.attrs}
-    field = FIELDS[variable]
 
     def fill(temporary: Path) -> None:
         with rasterio.open(temporary, "w", **profile) as file:
-            file.update_tags(**{TAG: json.dumps(about, sort_keys=True)})
-            for band, height_m in enumerate(z_m.tolist(), 1):
-                file.write(bands[band - 1], band)
-                file.set_band_description(band, f"{variable} at {height_m:g} m")
-                file.update_tags(band, HEIGHT_M=repr(height_m))
-                file.set_band_unit(band, field.units)
+            file.update_tags(**{TAG: tag})
+            bands = [(name, iz, height_m) for name in layers for iz, height_m in enumerate(z_m.tolist())]
+            for band, (name, iz, height_m) in enumerate(bands, 1):
+                file.write(layers[name][iz, ::-1].astype(profile["dtype"]), band)  # rasters begin in the north-west
+                file.set_band_description(band, f"{name} at {height_m:g} m")
+                file.update_tags(band, VARIABLE=name, HEIGHT_M=repr(height_m))
+                file.set_band_unit(band, FIELDS[name].units)
 
     write_atomically(path, fill)
 
 
 def read(path: Path, heights_m: tuple[float, ...] | None = None) -> RadioMap:
-    """The map in a GeoTIFF of SINR [dB].
+    """The map in a GeoTIFF of SINR [dB]; bands of other variables are taken if they say so, as `write` does it.
 
     `heights_m` gives the height of each band where the file does not say. `InputError` for a file without a coordinate
-    system, with bands whose heights nobody states, or that is no raster.
+    system, with bands whose heights nobody states or that states others, or that is no raster.
     """
     rasterio = _rasterio()
     try:
@@ -85,19 +90,11 @@ def read(path: Path, heights_m: tuple[float, ...] | None = None) -> RadioMap:
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)  # it is refused below, in words
             opened = rasterio.open(path)
         with opened as file:
-            bands = file.read(masked=True).filled(np.nan).astype(np.float32)
-            if file.crs is None:
-                raise InputError(
-                    f"{path}: no coordinate system; expected a georeferenced GeoTIFF:"
-                    " assign one (gdal_edit.py -a_srs EPSG:... FILE)"
-                )
-            heights_m = _heights(path, file, heights_m)
-            about = file.tags().get(TAG)
-            if about is not None:
-                return _own(path, json.loads(about), bands, heights_m)
-            return _foreign(file, bands, heights_m)
+            return _map(file, heights_m)
     except rasterio.errors.RasterioIOError as error:
         raise InputError(f"{path}: not a readable GeoTIFF ({' '.join(str(error).split())[:120]})") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _rasterio() -> Any:
@@ -109,74 +106,113 @@ def _rasterio() -> Any:
     return rasterio
 
 
-def _step(centres_m: FloatArray, others_m: FloatArray) -> float:
-    """Side of a cell [m]; that of the other axis where there is one row only."""
-    along = centres_m if len(centres_m) > 1 else others_m
-    return float((along[-1] - along[0]) / (len(along) - 1))
+def _layers(dataset: RadioMap, variable: str | None) -> dict[str, NDArray[Any]]:
+    """What the bands are to hold: SINR, and whatever a reader would not assume of a map that has nothing else."""
+    if variable is not None and variable not in dataset.data_vars:
+        raise InputError(f"the map has no {variable}; it has {', '.join(map(str, dataset.data_vars))}")
+    if variable is not None and variable not in VARIABLES:
+        raise InputError(f"{variable} belongs to sectors; a GeoTIFF holds what belongs to cells: {', '.join(VARIABLES)}")
+    values = {name: dataset[name].values for name in VARIABLES if name in dataset}
+    if variable is not None:
+        return {variable: values[variable]}
+    x_m, y_m, z_m = (dataset[axis].values for axis in "xyz")
+    unknown = dataset.attrs.get("unknown", "blocked")
+    assumed = make_map(values["sinr_db"], x_m=x_m, y_m=y_m, z_m=z_m, source="", unknown=unknown).drop_vars("sinr_db")
+    return {
+        name: array
+        for name, array in values.items()
+        if name not in assumed or not np.array_equal(array, assumed[name].values, equal_nan=True)
+    }
 
 
-def _heights(path: Path, file: "DatasetReader", given_m: tuple[float, ...] | None) -> tuple[float, ...]:
-    stated = [file.tags(band).get("HEIGHT_M") for band in range(1, file.count + 1)]
-    if given_m is None and None not in stated:
-        return tuple(float(height) for height in stated)
-    if given_m is None:
-        raise InputError(f"{path}: {file.count} band(s) without a height; give one for each: --heights-m 30 50 ...")
-    if len(given_m) != file.count:
-        raise InputError(f"{path}: {file.count} band(s), and {len(given_m)} height(s) given; expected one for each band")
-    return given_m
+def _transform(x_m: FloatArray, y_m: FloatArray, anchor: Anchor) -> tuple[float, ...]:
+    """Of columns and rows into longitude and latitude [deg]: the six numbers of an affine transform.
+
+    A single column is as wide as the rows are high, and the other way round; `InputError` for a single column and row.
+    """
+    steps_m = [(axis[-1] - axis[0]) / (len(axis) - 1) for axis in (x_m, y_m) if len(axis) > 1]
+    if not steps_m:
+        raise InputError("one column and one row of cells, whose size nothing tells; expected more: write it as .nc or .csv")
+    per_longitude_m, per_latitude_m = metres_per_degree(anchor.latitude_deg)
+    step_x_deg, step_y_deg = float(steps_m[0] / per_longitude_m), float(steps_m[-1] / per_latitude_m)
+    north_deg, west_deg = to_degrees(x_m[0], y_m[-1], anchor)
+    return step_x_deg, 0.0, float(west_deg) - step_x_deg / 2, 0.0, -step_y_deg, float(north_deg) + step_y_deg / 2
 
 
-def _own(path: Path, about: dict[str, Any], bands: NDArray[np.float32], heights_m: tuple[float, ...]) -> RadioMap:
-    if about["variable"] != "sinr_db":
-        raise InputError(f"{path}: holds {about['variable']}, not SINR; a map needs sinr_db")
-    dataset = make_map(
-        bands[:, ::-1],
-        x_m=about["x"],
-        y_m=about["y"],
-        z_m=heights_m,
-        source="GeoTIFF",
-        unknown=about["attrs"].get("unknown", "blocked"),
-    )
-    dataset.attrs = about["attrs"]
-    return dataset
+class Tag(NamedTuple):
+    """What `write` left in a file."""
+
+    x_m: FloatArray
+    y_m: FloatArray
+    anchor: Anchor
+    variables: tuple[str, ...]
+    attributes: dict[str, Any]
 
 
-def _foreign(file: "DatasetReader", bands: NDArray[np.float32], heights_m: tuple[float, ...]) -> RadioMap:
-    """A raster of any coordinate system on a local grid of square cells, the area of one as large as that of a pixel."""
-    from pyproj import Transformer
+def _tag(file: "DatasetReader") -> Tag | None:
+    try:
+        tag = json.loads(file.tags().get(TAG, "null"))
+        x_m, y_m = (np.array(tag[axis], dtype=np.float64) for axis in "xy")
+        anchor = anchor_of(xr.Dataset(attrs=tag["attrs"]))
+        return Tag(x_m, y_m, anchor, tuple(v for v in tag["variables"] if v in VARIABLES), tag["attrs"]) if anchor else None
+    except (KeyError, TypeError, ValueError):
+        return None
 
-    to_wgs84 = Transformer.from_crs(file.crs, WGS84, always_xy=True)
-    longitude_deg, latitude_deg = to_wgs84.transform(*_apply(file.transform, file.width / 2, file.height / 2))
-    anchor = Anchor(latitude_deg, longitude_deg)
-    columns, rows = np.meshgrid(np.arange(file.width + 1.0), np.arange(file.height + 1.0))
-    corner_longitude, corner_latitude = to_wgs84.transform(*_apply(file.transform, columns, rows))
-    x_m, y_m = to_local(corner_latitude, corner_longitude, anchor)
-    iy, ix = file.height // 2, file.width // 2
-    side_m = float(np.sqrt(abs(_area(x_m[iy : iy + 2, ix : ix + 2], y_m[iy : iy + 2, ix : ix + 2]))))
-    x_centres, y_centres = (_centres(values, side_m) for values in (x_m, y_m))
-    latitude, longitude = to_degrees(*np.meshgrid(x_centres, y_centres), anchor)
-    place = Transformer.from_crs(WGS84, file.crs, always_xy=True).transform(longitude, latitude)
-    column, row = _apply(~file.transform, *place)
-    inside = (column >= 0) & (column < file.width) & (row >= 0) & (row < file.height)
-    column, row = (np.where(inside, index, 0).astype(np.int64) for index in (column, row))
-    values = np.where(inside, bands[:, row, column], np.nan)
+
+def _lies_as_written(file: "DatasetReader", tag: Tag) -> bool:
+    """Whether coordinate system, size and corners are still those of `write`: other tools copy the tag to what they make."""
+    if file.crs != WGS84 or (tag.x_m.shape, tag.y_m.shape) != ((file.width,), (file.height,)):
+        return False
+    columns, rows = np.array([(0, 0), (file.width, 0), (0, file.height), (file.width, file.height)]).T
+    written = _transform(tag.x_m, tag.y_m, tag.anchor)
+    corners, expected = (np.stack(apply(transform, columns, rows)) for transform in (file.transform, written))
+    off_m = (corners - expected) * np.array([metres_per_degree(tag.anchor.latitude_deg)]).T
+    return bool(np.abs(off_m).max() <= TOLERANCE_M)
+
+
+def _map(file: "DatasetReader", heights_m: tuple[float, ...] | None) -> RadioMap:
+    check_georeferenced(file)
+    z_m, bands = bands_of(file, heights_m)
+    values = {name: values_of(file, numbers) for name, numbers in bands.items()}
+    tag = _tag(file)
+    if tag is not None:
+        lost = [name for name in tag.variables if name not in values and FIELDS[name].required]
+        if lost:
+            raise InputError(
+                f"the bands of {', '.join(lost)} are missing, which the map had; take all of them along, or remove the tag"
+                f" {TAG} to read what is left for the whole map (gdal_edit.py -unsetmd FILE)"
+            )
+        if _lies_as_written(file, tag):
+            values = {name: array[:, ::-1] for name, array in values.items()}
+            unknown = tag.attributes.get("unknown", "blocked")
+            own = _from_cells(values, x_m=tag.x_m, y_m=tag.y_m, z_m=z_m, source="GeoTIFF", unknown=unknown)
+            own.attrs = tag.attributes
+            return validate(own)
+    grid = local_grid(file)
+    values = {name: grid.sample(array) for name, array in values.items()}
+    about: dict[str, Any] = {"source": "GeoTIFF", "model": f"raster in {file.crs}", "anchor": grid.anchor}
+    if tag is not None:
+        # Of another area or resampled, a map still is a simulation or measured, and as free to use.
+        about |= {name: tag.attributes[name] for name in ("source", "licence", "unknown") if name in tag.attributes}
+    return _from_cells(values, x_m=grid.x_m, y_m=grid.y_m, z_m=z_m, outside=~grid.inside, **about)
+
+
+def _from_cells(values: dict[str, FloatArray], outside: NDArray[np.bool_] | bool = False, **about: Any) -> RadioMap:
+    """The map of values over cells; where a band has no value, a cell is blocked, without samples, not filled, of no sector."""
+    unknown = np.isnan(values["sinr_db"])
+    blocked = values.get("blocked", (unknown & (about.get("unknown", "blocked") != "bad")) | outside)
+    without = {"count": 0.0, "filled": 0.0, "serving_sector": -1.0}
+    whole = {name: np.where(np.isnan(array), without.get(name, np.nan), array) for name, array in values.items()}
+    averaged = [n for n, array in whole.items() if FIELDS[n].dtype is not np.float32 and (array % 1 > 0).any()]
+    if averaged:
+        raise InputError(f"{', '.join(averaged)} in fractions: the raster was averaged; resample it by nearest pixels (-r near)")
+    optional: dict[str, ArrayLike] = {name: whole[name] for name in ("sinr_spread_db", "serving_sector") if name in whole}
     return make_map(
-        values, x_m=x_centres, y_m=y_centres, z_m=heights_m, source="GeoTIFF", anchor=anchor, model=f"raster in {file.crs}"
+        values["sinr_db"],
+        sinr_std_db=whole.get("sinr_std_db", 0.0),
+        count=whole.get("count", 0),
+        filled=whole.get("filled", False),
+        blocked=np.where(np.isnan(blocked), 1.0, blocked),
+        optional=optional,
+        **about,
     )
-
-
-def _apply(transform: Any, column: Any, row: Any) -> tuple[Any, Any]:
-    """Coordinates of places in a raster [columns, rows], or with the inverse transform the other way round."""
-    a, b, c, d, e, f = transform[:6]
-    return a * column + b * row + c, d * column + e * row + f
-
-
-def _area(x_m: FloatArray, y_m: FloatArray) -> float:
-    """Of a quadrangle given by its four corners in two rows [m^2]."""
-    across, down = (x_m[1, 1] - x_m[0, 0], y_m[1, 1] - y_m[0, 0]), (x_m[1, 0] - x_m[0, 1], y_m[1, 0] - y_m[0, 1])
-    return 0.5 * float(across[0] * down[1] - across[1] * down[0])
-
-
-def _centres(values_m: FloatArray, side_m: float) -> FloatArray:
-    n = max(1, round(np.ptp(values_m) / side_m))
-    return np.asarray(values_m.min() + (np.arange(n) + 0.5) * np.ptp(values_m) / n)

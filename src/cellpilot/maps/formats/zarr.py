@@ -1,6 +1,5 @@
 """Zarr: everything a map holds, as a folder of chunks that cloud storage and dask read piece by piece (extra `zarr`)."""
 
-import os
 import shutil
 from pathlib import Path
 
@@ -9,6 +8,10 @@ import xarray as xr
 
 from cellpilot.errors import InputError
 from cellpilot.maps.schema import RadioMap, validate
+from cellpilot.provenance import TEMPORARY
+
+ASIDE = ".replaced-"
+"""How the name of a store begins while another takes its place."""
 
 
 def write(dataset: RadioMap, path: Path) -> None:
@@ -17,15 +20,29 @@ def write(dataset: RadioMap, path: Path) -> None:
     if path.is_dir() and any(path.iterdir()) and not (path / ".zgroup").exists() and not (path / "zarr.json").exists():
         raise InputError(f"{path}: a folder that is no Zarr store; choose another name, it is not replaced")
 
+    path = path.resolve()  # of a link, what it points at is replaced
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary, aside = path.with_name(TEMPORARY + path.name), path.with_name(ASIDE + path.name)
     try:
         dataset.drop_encoding().to_zarr(temporary, mode="w", consolidated=True, zarr_format=2)
-        if path.is_dir():
-            shutil.rmtree(path)
-        os.replace(temporary, path)
+        _replace(path, temporary, aside)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _replace(path: Path, temporary: Path, aside: Path) -> None:
+    """Rename `temporary` to `path`; a kill at any time leaves the old store or the new one, whole, under `path` or `aside`."""
+    if path.is_dir():
+        # Without a store at `path`, the one aside would be the only one: a kill came between the two renames below.
+        shutil.rmtree(aside, ignore_errors=True)
+        path.rename(aside)
+    try:
+        temporary.rename(path)
+    except BaseException:
+        if aside.is_dir() and not path.exists():
+            aside.rename(path)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
 
 
 def read(path: Path) -> RadioMap:

@@ -64,6 +64,11 @@ def import_logs(
     disc = _mask(mask, densest if hovering else None)
     anchor = anchor or Anchor(densest.latitude_deg, densest.longitude_deg)
     keep = np.ones(sinr_db.size, bool) if disc is None else ~disc.holds(latitude_deg, longitude_deg)
+    if disc is not None and keep.all():
+        raise InputError(
+            f"the mask of {disc.radius_m:g} m around {disc.latitude_deg:.6f}, {disc.longitude_deg:.6f} holds no sample:"
+            " leave it out"
+        )
     if not keep.any():
         raise InputError(f"the mask holds all {keep.size} samples: give a smaller radius or no mask")
     x_m, y_m = to_local(latitude_deg, longitude_deg, anchor)
@@ -131,6 +136,12 @@ def heights_m(samples: Samples, step_m: float, ground_altitude_m: float | None) 
     if ground_altitude_m is not None and above_ground.all():
         raise InputError("the altitude of the ground is given, but no log counts from the ellipsoid or the sea: leave it out")
     result_m[~above_ground] -= ground_altitude_m or 0.0
+    below = ~above_ground & (result_m < 0)
+    if 2 * below.sum() > (~above_ground).sum() > 0:
+        raise InputError(
+            f"{below.sum()} of {(~above_ground).sum()} samples would lie below height 0: the ground is given as"
+            f" {ground_altitude_m:g} m, the lowest altitude is {float(samples.altitude_m[~above_ground].min()):.1f} m"
+        )
     own = samples.altitude_reference != STATED
     result_m[own] = np.round(result_m[own] / step_m) * step_m
     return result_m

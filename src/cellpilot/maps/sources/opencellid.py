@@ -5,18 +5,19 @@ single countries come without a header line. Positions are estimated from where 
 hundred metres. Heights, antennas, tilts, powers, carriers and bearings are not in it: all of them are ASSUMED.
 """
 
-import csv
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 
 import numpy as np
 
 from cellpilot.errors import InputError
-from cellpilot.maps.geodesy import Anchor, to_local
-from cellpilot.maps.text_table import LATITUDE_DEG, LONGITUDE_DEG, Column, Row, Table
+from cellpilot.maps.geodesy import MAX_LATITUDE_DEG, Anchor, to_local
+from cellpilot.maps.sources.sites import middle_of, unbroken
+from cellpilot.maps.text_table import LONGITUDE_DEG, Column, open_table
 from cellpilot.radio import ColumnAntenna, Deployment
+from cellpilot.radio.ranges import check_range
 
 COLUMNS = (
     "radio", "mcc", "net", "area", "cell", "unit", "lon", "lat", "range", "samples", "changeable", "created", "updated",
@@ -32,7 +33,10 @@ Source: 3GPP TS 36.413 clause 9.2.1.38.
 
 @dataclass(frozen=True)
 class AssumedSectors:
-    """What an OpenCelliD file does not say, the same for every site."""
+    """What an OpenCelliD file does not say, the same for every site.
+
+    `RangeError` for bearings outside 0..360 deg, `InputError` for none; the rest is checked as part of a `Deployment`.
+    """
 
     azimuths_deg: tuple[float, ...] = (0.0, 120.0, 240.0)
     height_m: float = 25.0
@@ -41,6 +45,11 @@ class AssumedSectors:
     carrier_hz: float = 1.8e9
     bandwidth_hz: float = 10e6
     load: float = 1.0
+
+    def __post_init__(self) -> None:
+        if len(self.azimuths_deg) == 0:
+            raise InputError("azimuths_deg is empty; expected at least one assumed bearing of a sector")
+        check_range(self.azimuths_deg, "azimuths_deg", 0.0, 360.0, "deg")
 
     def words(self) -> str:
         """One line that says all of it."""
@@ -60,6 +69,8 @@ class AssumedSites:
     names: tuple[str, ...]
     anchor: Anchor
     account: tuple[str, ...]
+    note: str = "assumed: everything but the position"
+    """What every line of a site list made of it should say."""
 
 
 def read_opencellid(
@@ -73,20 +84,26 @@ def read_opencellid(
     path = Path(path)
     sites: dict[tuple[str, int], list[tuple[float, float, float]]] = {}
     dropped: Counter[str] = Counter()
-    for row in _cells(path):
+    table, rows = open_table(path, "list of cells from OpenCelliD", COLUMNS)
+    table.require(("radio", "mcc", "net", "cell", "lon", "lat"))
+    for row in rows:
+        if row.fields[0].strip().lower() == "radio":
+            raise row.error(f"a header with other columns than an OpenCelliD export; expected {','.join(COLUMNS)}, or no header")
         row.check_width()
         if row.text("radio").upper() != "LTE":
             dropped[f"of radio {row.text('radio') or 'unknown'}"] += 1
             continue
         name = f"{row.needed(Column('mcc', 1, 999)):.0f}-{row.needed(Column('net', 0, 999)):.0f}"
         base_station = int(row.needed(Column("cell", 0, 2**28 - 1))) // CELLS_PER_ENODEB
-        samples = row.number(Column("samples", 0, np.inf))
-        place = (row.needed(Column("lat", *LATITUDE_DEG, "deg")), row.needed(Column("lon", *LONGITUDE_DEG, "deg")))
-        sites.setdefault((name, base_station), []).append((*place, max(samples, 1.0) if samples == samples else 1.0))
+        samples = row.number(Column("samples", 0, 1e9))
+        latitude_deg = row.needed(Column("lat", -MAX_LATITUDE_DEG, MAX_LATITUDE_DEG, "deg"))
+        longitude_deg = row.needed(Column("lon", *LONGITUDE_DEG, "deg"))
+        weight = 1.0 if isnan(samples) else max(samples, 1.0)
+        sites.setdefault((name, base_station), []).append((latitude_deg, longitude_deg, weight))
     chosen = _operator(path, operator, Counter(name for name, _ in sites))
     mine = {number: np.array(cells) for (name, number), cells in sorted(sites.items()) if name == chosen}
-    places = np.array([np.average(cells[:, :2], axis=0, weights=cells[:, 2]) for cells in mine.values()])
-    anchor = Anchor(*(places.min(axis=0) + places.max(axis=0)) / 2)
+    places = np.array([_site(*cells.T) for cells in mine.values()])
+    anchor = middle_of(*places.T)
     account = (
         f"{path.name}: {sum(map(len, mine.values()))} LTE cells of operator {chosen} at {len(mine)} sites"
         + "".join(f", {count} cells {reason} left out" for reason, count in sorted(dropped.items())),
@@ -111,19 +128,9 @@ def read_opencellid(
     return AssumedSites(deployment, names, anchor, account)
 
 
-def _cells(path: Path) -> Iterator[Row]:
-    """Every line, with the columns of the format's definition if the file has no header."""
-    if not path.is_file():
-        raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}; expected an OpenCelliD export (.csv)")
-    table = Table(path, 1, COLUMNS)
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.reader(file)
-        for fields in reader:
-            if reader.line_num == 1 and fields and fields[0].strip().lower() == "radio":
-                table = Table(path, 1, tuple(name.strip() for name in fields))
-                table.require(("radio", "mcc", "net", "cell", "lon", "lat"))
-            elif fields:
-                yield Row(table, reader.line_num, fields)
+def _site(latitude_deg: np.ndarray, longitude_deg: np.ndarray, samples: np.ndarray) -> tuple[float, float]:
+    """Where the cells of a base station are on average."""
+    return np.average(latitude_deg, weights=samples), np.average(unbroken(longitude_deg), weights=samples)
 
 
 def _operator(path: Path, wanted: str | None, sites: Counter[str]) -> str:
