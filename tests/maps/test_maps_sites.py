@@ -1,6 +1,7 @@
 """Site lists and OpenCelliD files: what is read, that nothing is lost on the way, what is refused."""
 
 import csv
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -305,3 +306,17 @@ def test_a_note_stands_in_every_line_and_is_left_alone(tmp_path: Path) -> None:
     assert read_sites(tmp_path / "sites.csv").names == found.names
     write_sites(found.deployment, tmp_path / "plain.csv", found.names, found.anchor)
     assert "note" not in (tmp_path / "plain.csv").read_text()
+
+
+def test_a_packed_export_is_unpacked(tmp_path: Path) -> None:
+    lines = ["LTE,502,19,21,256001,0,101.77,2.923,1000,50,1,0,0,0", "LTE,502,19,21,512001,0,101.779,2.929,1000,50,1,0,0,0"]
+    packed = tmp_path / "502.csv.gz"
+    packed.write_bytes(gzip.compress("\n".join(lines).encode()))
+    (tmp_path / "502.csv").write_text("\n".join(lines))
+    assert read_opencellid(packed).names == read_opencellid(tmp_path / "502.csv").names
+    packed.write_bytes(packed.read_bytes()[:40])
+    with pytest.raises(InputError, match=r"502\.csv\.gz: cannot be read"):
+        read_opencellid(packed)
+    packed.write_text("LTE,502")
+    with pytest.raises(InputError, match=r"502\.csv\.gz: cannot be read"):
+        read_opencellid(packed)

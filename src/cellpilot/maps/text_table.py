@@ -1,12 +1,15 @@
 """Text files with one header line and separated columns, read so that every complaint names file, line and column."""
 
 import csv
+import gzip
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from io import TextIOWrapper
 from itertools import chain
 from math import nan
 from pathlib import Path
+from typing import IO, cast
 
 from cellpilot.errors import InputError
 
@@ -74,27 +77,30 @@ class Row:
 
     def number(self, column: Column) -> float:
         """The number in that column, NaN where it is missing; `InputError` for text and for values out of range."""
+        return self._number(column, ", or nothing")
+
+    def _number(self, column: Column, or_nothing: str) -> float:
         text = self.text(column.name)
         if not text:
             return nan
-        wanted = f"expected a number from {column.low:g} to {column.high:g} {column.unit}".rstrip()
+        wanted = f"{_range(column)}{or_nothing}: correct or remove the line"
         try:
             # Python would read 1_0 as ten.
             value = float(text.replace("_", "?"))
         except ValueError:
-            raise self.error(f"{column.name} is {text!r}; {wanted}, or nothing: correct or remove the line") from None
+            raise self.error(f"{column.name} is {text!r}; {wanted}") from None
         if value in SENTINELS:
             return nan
         if not column.low <= value <= column.high:
-            raise self.error(f"{column.name} is {text}; {wanted}, or nothing: correct or remove the line")
+            raise self.error(f"{column.name} is {text}; {wanted}")
         return value
 
     def needed(self, column: Column) -> float:
         """`number` of a column that may not be empty."""
-        value = self.number(column)
+        value = self._number(column, "")
         if value != value:
-            unit = f" {column.unit}" if column.unit else ""
-            raise self.error(f"{column.name} is empty; expected a number from {column.low:g} to {column.high:g}{unit}")
+            found = self.fields[self.table.names.index(column.name)].strip() if column.name in self.table.names else ""
+            raise self.error(f"{column.name} is {repr(found) if found else 'empty'}; {_range(column)}")
         return value
 
     def error(self, text: str) -> InputError:
@@ -102,12 +108,16 @@ class Row:
         return InputError(f"{self.table.path}, line {self.line}: {text}")
 
 
+def _range(column: Column) -> str:
+    return f"expected a number from {column.low:g} to {column.high:g} {column.unit}".rstrip()
+
+
 def open_table(path: Path, what: str, header: Sequence[str] | None = None) -> tuple[Table, Iterator[Row]]:
     """The header of a file, and its further lines that are not blank; `what` is expected in it.
 
     `header` names the columns of files that may come without a header line: a first line with anything but these names is
     data. Columns are separated by comma, tab or semicolon, whichever the first line has most of. Lines above it that start
-    with # are comments. `InputError` for a missing, empty or unreadable file.
+    with # are comments. A file named .gz is unpacked. `InputError` for a missing, empty or unreadable file.
     """
     if not path.is_file():
         raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}; expected a {what} (.csv)")
@@ -128,7 +138,7 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line number and fields of every line that is not blank; a byte-order mark is taken off."""
     reader = None
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with _unpacked(path) as packed, TextIOWrapper(packed, "utf-8-sig", newline="") as file:
             first = next((text for text in file if text.strip() and not text.startswith("#")), "")
             delimiter = max(",\t;", key=first.count)
             file.seek(0)
@@ -145,12 +155,19 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     except csv.Error as error:
         line = reader.line_num if reader else 1
         raise InputError(f"{path}, line {line}: not readable as text ({error}); expected UTF-8 with separated columns") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}): check the file and its permissions") from None
+    except (OSError, EOFError) as error:
+        raise InputError(
+            f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}): check the file and its permissions"
+        ) from None
+
+
+def _unpacked(path: Path) -> IO[bytes]:
+    return cast(IO[bytes], gzip.open(path)) if path.suffix == ".gz" else path.open("rb")
 
 
 def _not_utf8(path: Path) -> tuple[int, int]:
     """Line and value of the first byte that is not UTF-8: text is decoded in blocks, far ahead of the line being read."""
-    data = path.read_bytes()
+    with _unpacked(path) as file:
+        data = file.read()
     before = re.split("[\udc80-\udcff]", data.decode(errors="surrogateescape"), maxsplit=1)[0]
     return len(re.findall(r"\r\n|\r|\n", before)) + 1, data[len(before.encode())]

@@ -41,7 +41,7 @@ ASSUMED = ("azimuths_deg", "height_m", "electrical_tilt_deg", "power_dbm", "carr
 def main(arguments: Sequence[str]) -> int:
     """Write the list."""
     options = parse(SitesOptions, arguments, "cellpilot map sites", "Write a site list.")
-    if options.out.exists():
+    if options.out.is_file():
         raise InputError(f"{options.out}: exists already, perhaps edited; choose another file with --out, or remove it")
     if options.opencellid is not None:
         if options.scenario is not None:
