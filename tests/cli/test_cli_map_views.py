@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cli_tools import Cli, assert_refused, tree
 
-from cellpilot.maps import load_map, make_map, save_map
+from cellpilot.maps import Anchor, load_map, make_map, save_map
 
 PNG = b"\x89PNG"
 CENTRES_M = np.arange(4) * 100.0 - 150
@@ -42,6 +42,10 @@ def pictures(folder: Path) -> set[str]:
 
 @pytest.mark.parametrize("what", VIEWS)
 def test_show_draws_every_view_beside_the_map(desk: Path, cli: Cli, what: str) -> None:
+    radio_map = load_map(desk / "simulated.nc")
+    # A simulation has as many points in every cell and no uncertainty, and that is no picture.
+    radio_map["count"].values[0, 0, 0], radio_map["sinr_std_db"].values[0, 0, 0] = 1, 1.0
+    save_map(radio_map, desk / "simulated.nc")
     result = cli("map", "show", "simulated.nc", "--what", what)
     assert (result.code, result.out, result.err) == (0, f"picture: {VIEWS[what]}\n", "")
     assert pictures(desk) == {VIEWS[what]}
@@ -58,6 +62,25 @@ def test_threshold_and_noise_reach_the_picture(desk: Path, cli: Cli) -> None:
         assert cli("map", "show", "simulated.nc", "--what", "probability", *flags, "--out", f"{name}.png").code == 0
         drawn[name] = (desk / f"{name}.png").read_bytes()
     assert len(set(drawn.values())) == 3
+
+
+def test_heights_that_have_no_picture_are_named(desk: Path, cli: Cli) -> None:
+    sinr_db = np.arange(7 * 16.0).reshape(7, 4, 4)
+    save_map(make_map(sinr_db, x_m=CENTRES_M, y_m=CENTRES_M, z_m=10.0 * np.arange(1, 8), source="test"), desk / "tall.nc")
+    told = " (6 of 7 heights: 10, 20, 30, 50, 60, 70 m)\n"
+    assert cli("map", "show", "tall.nc").out == f"picture: tall.png{told}"
+    assert cli("map", "compare", "tall.nc", "tall.nc").out.endswith(f"picture: compare.png{told}")
+
+
+def test_info_says_how_to_simulate_on_the_same_grid(desk: Path, cli: Cli) -> None:
+    result = cli("map", "info", "better.nc")
+    line = next(line for line in result.out.splitlines() if line.startswith("  area"))
+    assert line.startswith("  area x -200 to 200 m, y -200 to 200 m: --map.")
+    options = line.split(": ")[1].split()
+    assert cli("map", "simulate", "tiny.toml", *options, "--out", "again.nc").code == 0
+    again, better = load_map(desk / "again.nc"), load_map(desk / "better.nc")
+    for axis in "xy":
+        np.testing.assert_allclose(again[axis].values, better[axis].values)
 
 
 def test_compare_prints_the_difference_and_draws_it(desk: Path, cli: Cli) -> None:
@@ -106,6 +129,7 @@ def test_antenna_prints_what_the_file_states_and_draws_both_cuts(desk: Path, cli
     [
         (["show", "plain.nc", "--what", "serving"], ["sector serves"]),
         (["show", "plain.nc", "--what", "spread"], ["sinr_spread_db"]),
+        (["show", "simulated.nc", "--what", "uncertainty"], ["every cell has an uncertainty of 0 dB"]),
         (["show", "simulated.nc", "--what", "beauty"], ["--what", "beauty", "serving"]),
         (["show", "simulated.nc", "--what", "cdf", "--threshold-db", "nan"], ["--threshold-db", "nan"]),
         (["show", "simulated.nc", "--noise-std-db", "2"], ["--noise-std-db", "--what probability"]),
@@ -136,16 +160,20 @@ def test_wrong_input_is_refused_and_leaves_nothing(desk: Path, cli: Cli, call: l
     sinr_db = load_map(desk / "simulated.nc")["sinr_db"].values
     far = make_map(sinr_db, x_m=CENTRES_M + 5000, y_m=CENTRES_M, z_m=[30.0], source="test")
     save_map(far, desk / "far.nc")
-    assert cli("map", "simulate", "tiny.toml", "--map.anchor", "47", "8", "--out", "anchored.nc").code == 0
+    anchored = make_map(sinr_db, x_m=CENTRES_M, y_m=CENTRES_M, z_m=[30.0], source="test", anchor=Anchor(47.0, 8.0))
+    save_map(anchored, desk / "anchored.nc")
     before = tree(desk)
     assert_refused(cli("map", *call), *named)
     assert tree(desk) == before
 
 
-@pytest.mark.parametrize("call", [["compare", "simulated.nc", "better.nc"], ["antenna", "panel.msi"]])
+@pytest.mark.parametrize(
+    "call", [["compare", "simulated.nc", "better.nc"], ["antenna", "panel.msi"], ["show", "simulated.nc"], ["show", "gone.nc"]]
+)
 def test_a_picture_of_an_unknown_kind_is_not_written(desk: Path, cli: Cli, call: list[str]) -> None:
     before = tree(desk)
     result = cli("map", *call, "--out", "a.gif")
-    assert result.code == 2
+    # Before anything is read or printed.
+    assert (result.code, result.out) == (2, "")
     assert result.err == "cellpilot: a.gif: expected a picture's name ending in .png, .pdf, .svg\n"
     assert tree(desk) == before

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from cellpilot.maps import Anchor, account_of, import_logs, make_map, simulate_map
-from cellpilot.maps.words import described
+from cellpilot.maps.calibrate import calibrate
+from cellpilot.maps.words import described, share_below
 from cellpilot.radio import hexagonal_deployment
+from cellpilot.world import World
 
 NAN = np.nan
 AXES = {"x_m": 40.0 * np.arange(5), "y_m": 20.0 * np.arange(2), "z_m": [30.0, 50.0, 70.0]}
@@ -31,10 +33,12 @@ def test_every_figure_by_hand() -> None:
     assert list(described(radio_map, 3.0)) == [
         "5 x 2 x 3 cells of 40 x 20 m, source test, no model",
         "lies nowhere on Earth (no anchor)",
+        "area x -20 to 180 m, y -10 to 30 m",
         "30 m: 9 free cells, 1 blocked, 33.3% below 3 dB, median 4.0 dB (10 to 90 %: 0.8 to 7.2 dB), spread within a cell 1.5 dB",
         "50 m: 9 free cells, 1 blocked, 44.4% below 3 dB, median 9.0 dB (10 to 90 %: 2.0 to 9.0 dB),"
         " 22% of the known ones filled, uncertain by 3.6 dB",
         "70 m: 0 free cells, 10 blocked, nothing known",
+        "all heights: 18 free cells, 38.9% below 3 dB",
     ]
 
 
@@ -43,10 +47,12 @@ def test_free_cells_without_sinr_are_holes() -> None:
     sinr_db[0, 0, :4] = NAN
     radio_map = make_map(sinr_db, **AXES, source="test", unknown="bad")
     lines = list(described(radio_map, 3.0))
-    assert lines[2] == (
-        "30 m: 10 free cells, 0 blocked, 0.0% below 3 dB, median 8.0 dB (10 to 90 %: 8.0 to 8.0 dB), 4 unknown and counted as bad"
+    assert lines[3] == (
+        "30 m: 10 free cells, 0 blocked, 40.0% below 3 dB (4 unknown and counted as below),"
+        " median of the known 8.0 dB (10 to 90 %: 8.0 to 8.0 dB)"
     )
-    assert "unknown" not in lines[3]
+    assert "unknown" not in lines[4]
+    assert lines[6] == "all heights: 30 free cells, 13.3% below 3 dB (4 unknown and counted as below)"
 
 
 def test_a_simulation_names_its_sectors_and_place() -> None:
@@ -55,7 +61,11 @@ def test_a_simulation_names_its_sectors_and_place() -> None:
     lines = list(described(radio_map, 3.0))
     assert lines[0].endswith("source simulation, UMa-AV, LOS soft, no shadowing")
     assert lines[1] == "x = y = 0 at 47.250000, 8.500000"
-    assert lines[2] == "3 sectors on 800, 2000 MHz"
+    assert lines[2] == (
+        "area x -200 to 200 m, y -200 to 200 m:"
+        " --map.x-range-m -200 200 --map.y-range-m -200 200 --map.bin-m 20 --map.anchor 47.25 8.5"
+    )
+    assert lines[3] == "3 sectors on 800, 2000 MHz"
 
 
 SYNTHETIC = [str(files("cellpilot").joinpath("data", f"synthetic_{height_m}m.csv")) for height_m in (30, 50)]
@@ -64,9 +74,51 @@ SYNTHETIC = [str(files("cellpilot").joinpath("data", f"synthetic_{height_m}m.csv
 def test_an_imported_log_keeps_its_account() -> None:
     radio_map = import_logs(SYNTHETIC[:1])
     lines = list(described(radio_map, 3.0))
-    assert lines[3] == "measured on days that the logs do not tell"
-    assert lines[4:] == account_of(radio_map).lines()
-    assert "spread within a cell" in lines[2]
+    assert lines[4] == "holes filled by inverse distance to measured cells of the same height within 80 m"
+    assert lines[5] == "measured on days that the logs do not tell"
+    assert lines[6:] == account_of(radio_map).lines()
+    assert "spread within a cell" in lines[3]
+
+
+def test_the_share_below_is_that_of_the_world() -> None:
+    """A cell that is blocked does not count, one that is free and unknown counts as below."""
+    sinr_db = np.array([[[NAN, NAN, 1.0, 5.0, 6.0], [0.0, 7.0, 8.0, 9.0, 9.0]]] * 3)
+    blocked = np.zeros(sinr_db.shape, bool)
+    blocked[:, 1, 0] = True
+    radio_map = make_map(sinr_db, **AXES, source="test", blocked=blocked, unknown="bad")
+    world = World.from_map(radio_map)
+    below = share_below(radio_map, 0, 3.0)
+    assert (below.free, below.below, below.unknown) == (9, 3, 2)
+    assert below.share == pytest.approx((world.sinr_db[world.free_cells] < 3.0).mean())
+
+
+@pytest.mark.parametrize(
+    ("attributes", "line"),
+    [
+        ({"fill_method": "magic", "fill_radius_m": 0.0}, "holes not filled"),
+        ({"fill_method": "magic", "fill_radius_m": 60.0}, "holes filled by magic within 60 m"),
+        (
+            {"fill_method": "magic", "fill_radius_m": 60.0, "trend": "sites.csv, UMa-AV"},
+            "holes filled by magic within 60 m, departing from a simulation (sites.csv, UMa-AV)",
+        ),
+    ],
+)
+def test_how_holes_were_filled(attributes: dict[str, str | float], line: str) -> None:
+    radio_map = make_map(np.ones((3, 2, 5)), **AXES, source="test", attributes=attributes)
+    assert line in described(radio_map, 3.0)
+
+
+def test_a_calibrated_map_says_what_was_done_to_it() -> None:
+    truth = simulate_map(hexagonal_deployment(rings=0), points_per_side=1)
+    simulated = truth.copy(deep=True)
+    truth.attrs["source"] = "measured log"
+    simulated["sinr_db"].values = 2 * truth["sinr_db"].values - 3
+    result = calibrate(simulated, truth)
+    line = (
+        f"calibrated by measurements: offset {result.offset_db:+.2f} dB, spread x 0.500,"
+        f" RMSE {result.before.rmse_db:.2f} dB before and 0.00 dB after"
+    )
+    assert line in described(result.radio_map, 3.0)
 
 
 @pytest.mark.parametrize(

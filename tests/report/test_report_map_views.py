@@ -20,7 +20,7 @@ from cellpilot.errors import InputError
 from cellpilot.maps import RadioMap, make_map, simulate_map
 from cellpilot.radio import ColumnAntenna, PatternAntenna, hexagonal_deployment
 from cellpilot.report.antenna import draw_antenna
-from cellpilot.report.map_views import SECTOR_COLOURS, draw_comparison, draw_map
+from cellpilot.report.map_views import SECTOR_COLOURS, draw_comparison, draw_map, heights_left_out
 from cellpilot.report.plane import round_length_m
 
 CELLS = ("sinr", "probability", "serving", "spread", "uncertainty", "count")
@@ -124,6 +124,7 @@ def test_the_probability_counts_noise_and_uncertainty(simulated: RadioMap) -> No
 
 def test_unknown_cells_are_white_and_named() -> None:
     radio_map = small_map(special=True)
+    radio_map["sinr_std_db"].values[0, 0, 0] = 1.0
     figure = draw_map(radio_map, "uncertainty", 3.0)
     assert np.isnan(shown(panels(figure)[0])).sum() == 1
     assert legend_texts(figure) == ["site", "blocked", "unknown, not to be entered"]
@@ -149,7 +150,9 @@ def test_boresights_lead_from_the_sites_where_the_sectors_look(simulated: RadioM
 
 @pytest.mark.parametrize("what", ["sinr", "probability", "uncertainty"])
 def test_a_map_without_sectors_has_no_sites(what: str) -> None:
-    figure = draw_map(small_map(2, sectors=False), what, 3.0)
+    radio_map = small_map(2, sectors=False)
+    radio_map["sinr_std_db"].values[0, 0, 0] = 1.0
+    figure = draw_map(radio_map, what, 3.0)
     assert not any(markers(axes) for axes in panels(figure))
     assert "site" not in legend_texts(figure)
 
@@ -237,6 +240,37 @@ def test_serving_sectors_are_coloured_numbered_and_counted(simulated: RadioMap) 
             assert radio_map["serving_sector"].isel(z=iz).sel(x=x_m, y=y_m).item() == int(text.get_text())
 
 
+@pytest.mark.parametrize(("longest", "written"), [("A/1234/9", True), ("A/1234/90", False)])
+def test_short_names_of_sectors_take_the_place_of_numbers(simulated: RadioMap, longest: str, written: bool) -> None:
+    names = [longest[:-2] + f"/{i}" if i < 10 else longest[:-3] + f"/{i}" for i in range(simulated.sizes["sector"])]
+    names[0] = longest
+    radio_map = simulated.assign_coords(sector_name=("sector", np.array(names)))
+    figure = rendered(draw_map(radio_map, "serving", 3.0))
+    labels = [text for axes in panels(figure) for text in axes.texts if text.get_bbox_patch() is not None]
+    assert len(labels) >= 4
+    for text in labels:
+        assert (text.get_text() in names) == written
+        assert text.get_text().isdigit() != written
+    kind = "name of the serving sector" if written else "number of the serving sector, from 0"
+    assert kind in legend_texts(figure)
+
+
+def test_labels_of_sectors_keep_off_the_sites_and_each_other(simulated: RadioMap) -> None:
+    """Measured on the drawn page; sector 0 serves around a site that lies in its very middle."""
+    radio_map = simulated.assign_coords(sector_name=("sector", np.array([f"N/{i}" for i in range(21)])))
+    radio_map["serving_sector"].values[:, :, :12] = 0
+    figure = draw_map(radio_map, "serving", 3.0)
+    figure.draw_without_rendering()
+    for axes in panels(figure):
+        boxes = [text.get_window_extent() for text in axes.texts if text.get_bbox_patch() is not None]
+        sites_px = axes.transData.transform(markers(axes))
+        radius_px = 4.0 * figure.dpi / 72
+        for i, box in enumerate(boxes):
+            near = box.padded(radius_px)
+            assert not any(near.contains(*site) for site in sites_px)
+            assert not any(box.overlaps(other) for other in boxes[:i])
+
+
 def test_the_cdf_is_that_of_the_free_cells_of_each_height(simulated: RadioMap) -> None:
     figure = rendered(draw_map(simulated, "cdf", 4.5))
     (axes,) = figure.axes
@@ -255,6 +289,86 @@ def test_the_cdf_is_that_of_the_free_cells_of_each_height(simulated: RadioMap) -
     (threshold,) = (line for line in axes.lines if line not in curves.values())
     assert list(threshold.get_xdata()) == [4.5, 4.5]
     assert "4.5 dB" in [text.get_text() for text in axes.texts]
+
+
+def bad_map() -> RadioMap:
+    """20 cells at each of two heights, three of the lower ones free and unknown, one that is blocked below 3 dB."""
+    sinr_db = np.full((2, 4, 5), 9.0)
+    sinr_db[0, 0, :3] = np.nan
+    sinr_db[0, 1, :] = 1.0
+    blocked = np.zeros(sinr_db.shape, bool)
+    blocked[0, 1, 0] = True
+    axes_m = {"x_m": 20.0 * np.arange(5), "y_m": 20.0 * np.arange(4), "z_m": [30.0, 50.0]}
+    return make_map(sinr_db, **axes_m, blocked=blocked, source="test", unknown="bad")  # type: ignore[arg-type]
+
+
+def test_free_cells_that_are_unknown_count_as_below() -> None:
+    low, high = panels(draw_map(bad_map(), "sinr", 3.0))
+    assert low.get_title() == "30 m: 37 % below\n(3 of 19 unknown)"
+    assert high.get_title() == "50 m: 0 % below"
+    (axes,) = draw_map(bad_map(), "cdf", 3.0).axes
+    line = next(line for line in axes.lines if line.get_label() == "30 m, 3 of 19 cells unknown")
+    values_db, share = line.get_data()
+    assert share[values_db < 3.0][-1] == pytest.approx(7 / 19)
+    assert share[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("what", "variable", "value", "message"),
+    [
+        ("count", "count", 64, "every known cell has 64 samples: nothing to draw"),
+        ("count", "count", 0, "every known cell has 0 samples: nothing to draw"),
+        ("uncertainty", "sinr_std_db", 0.0, "every known cell has an uncertainty of 0 dB: nothing to draw"),
+        ("uncertainty", "sinr_std_db", 2.5, "every known cell has an uncertainty of 2.5 dB: nothing to draw"),
+    ],
+)
+def test_what_is_the_same_everywhere_is_said_and_not_drawn(what: str, variable: str, value: float, message: str) -> None:
+    radio_map = bad_map()
+    radio_map[variable].values[:] = value
+    with pytest.raises(InputError, match=message):
+        draw_map(radio_map, what, 3.0)
+
+
+def test_the_legend_names_cells_of_fewer_than_two_samples(simulated: RadioMap) -> None:
+    radio_map = simulated.copy(deep=True)
+    assert "fewer than two samples" not in legend_texts(draw_map(radio_map, "spread", 3.0))
+    radio_map["sinr_spread_db"].values[1, 2, 3] = np.nan
+    assert "fewer than two samples" in legend_texts(draw_map(radio_map, "spread", 3.0))
+
+
+def stacked(n_heights: int) -> RadioMap:
+    sinr_db = np.random.default_rng(1).normal(3.0, 4.0, (n_heights, 6, 12))
+    axes_m = {"x_m": 50.0 * np.arange(12) - 275, "y_m": 50.0 * np.arange(6), "z_m": 20.0 + 10 * np.arange(n_heights)}
+    return make_map(sinr_db, **axes_m, source="test")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("n_heights", "drawn"), [(4, [20, 30, 40, 50]), (6, [20, 30, 40, 50, 60, 70]), (8, [20, 30, 50, 60, 80, 90])]
+)
+def test_a_comparison_shows_up_to_six_heights_and_tells_which(n_heights: int, drawn: list[int]) -> None:
+    radio_map = stacked(n_heights)
+    figure = draw_comparison(radio_map, radio_map, ("a", "b"), 3.0)
+    assert [axes.get_title() for axes in panels(figure)[::3]] == [f"a, {z_m} m" for z_m in drawn]
+    told = heights_left_out(radio_map)
+    assert told == ("" if n_heights <= 6 else " (6 of 8 heights: 20, 30, 50, 60, 80, 90 m)")
+
+
+@pytest.mark.parametrize("kind", ["comparison", "sinr"])
+def test_nothing_is_blank_above_the_legend_and_no_labels_touch(kind: str) -> None:
+    radio_map = stacked(4)
+    figure = draw_map(radio_map, "sinr", 3.0) if kind == "sinr" else draw_comparison(radio_map, radio_map, ("a", "b"), 3.0)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    lowest_px = min(axes.get_tightbbox().y0 for axes in panels(figure))
+    assert lowest_px - legend.get_window_extent().y1 < 0.25 * figure.dpi
+    bottom = [axes for axes in panels(figure) if axes.get_xlabel()]
+    assert len(bottom) > 1
+    labels = [label.get_window_extent() for axes in bottom for label in axes.get_xticklabels()]
+    assert not any(box.padded(2).overlaps(other.padded(2)) for i, box in enumerate(labels) for other in labels[:i])
+
+
+def test_a_comparison_names_cells_that_are_not_known() -> None:
+    assert legend_texts(draw_comparison(bad_map(), bad_map(), ("a", "b"), 3.0))[1:] == ["not known"]
 
 
 def test_what_a_map_does_not_have_is_refused() -> None:
@@ -353,7 +467,10 @@ def test_an_antenna_that_looks_aside_is_cut_where_it_looks() -> None:
 
 def test_the_rings_of_an_antenna_are_labelled_with_its_gain() -> None:
     for axes in draw_antenna(ColumnAntenna(1, 0.5, 0.0)).axes:
-        assert [label.get_text() for label in axes.get_yticklabels()] == ["-22", "-12", "-2", "5"]
+        assert [text.get_text() for text in axes.texts] == ["-22", "-12", "-2", "5"]
+        assert [text.get_position()[1] for text in axes.texts] == pytest.approx(axes.get_yticks(), abs=1e-9)
+        # Above the lobes, not under them.
+        assert all(text.get_zorder() > line.get_zorder() for text in axes.texts for line in axes.lines)
         assert axes.get_rmin() == pytest.approx(-32.0)  # type: ignore[attr-defined]
         assert not [text for text in axes.findobj(Text) if text.get_text() and text.get_fontsize() < 8]
 

@@ -54,6 +54,10 @@ def described(radio_map: RadioMap, threshold_db: float, today: date | None = Non
         yield f"{sectors} sectors" + (f" on {', '.join(f'{mhz:g}' for mhz in carriers_mhz)} MHz" if carriers_mhz else "")
     for iz, z_m in enumerate(radio_map["z"].values):
         yield f"{z_m:g} m: {_level(radio_map, iz, threshold_db)}"
+    if radio_map.sizes["z"] > 1:
+        heights = [share_below(radio_map, iz, threshold_db) for iz in range(radio_map.sizes["z"])]
+        total = Below(*(sum(numbers) for numbers in zip(*heights, strict=True)))
+        yield f"all heights: {total.free} free cells, {_share(total, threshold_db)}"
     yield from _changes(radio_map)
     if ATTRIBUTE in radio_map.attrs:
         account = account_of(radio_map)
@@ -112,15 +116,18 @@ def _age(days: tuple[str, str] | None, today: date) -> str:
     return f"measured {first}{'' if last == first else f' to {last}'}, {age} day{'' if age == 1 else 's'} ago"
 
 
+def _share(below: Below, threshold_db: float) -> str:
+    unknown = f" ({below.unknown} unknown and counted as below)" if below.unknown else ""
+    return f"{below.share:.1%} below {threshold_db:g} dB{unknown}"
+
+
 def _level(radio_map: RadioMap, iz: int, threshold_db: float) -> str:
     values = {name: radio_map[name].values[iz] for name in ("sinr_db", "sinr_std_db", "filled", "blocked")}
     free = ~values["blocked"]
     text = f"{free.sum()} free cells, {(~free).sum()} blocked"
     share = share_below(radio_map, iz, threshold_db)
     if share.free:
-        text += f", {share.share:.1%} below {threshold_db:g} dB"
-    if share.unknown:
-        text += f" ({share.unknown} unknown and counted as below)"
+        text += f", {_share(share, threshold_db)}"
     known = free & np.isfinite(values["sinr_db"])
     if not known.any():
         return f"{text}, nothing known"

@@ -117,9 +117,9 @@ def _variable(name: str, label: str, amount: str, white: str = "no value") -> Ca
 
 VIEWS: dict[str, Callable[[RadioMap, float, float], View]] = {
     "probability": _probability,
-    "uncertainty": _variable("sinr_std_db", "uncertainty of the mean SINR [dB]", "an uncertainty of {:g} dB"),
+    "uncertainty": _variable("sinr_std_db", "uncertainty of\nthe mean SINR [dB]", "an uncertainty of {:g} dB"),
     "spread": _variable(
-        "sinr_spread_db", "standard deviation within a cell [dB]", "a spread of {:g} dB", "fewer than two samples"
+        "sinr_spread_db", "standard deviation\nwithin a cell [dB]", "a spread of {:g} dB", "fewer than two samples"
     ),
     "count": _variable("count", "samples in a cell [1]", "{:g} samples"),
 }
@@ -182,7 +182,8 @@ def _draw_serving(radio_map: RadioMap) -> Figure:
         shown = np.where(serving[iz] < 0, np.nan, serving[iz] % n_colours)
         mesh = draw_cells(axes, grid, shown, ListedColormap(SECTOR_COLOURS), -0.5, n_colours - 0.5)
         mesh.set_norm(BoundaryNorm(np.arange(n_colours + 1) - 0.5, n_colours))
-        _label_pieces(axes, grid, {names.get(sector, str(sector)): cells for sector, cells in pieces.items()}, sites)
+        labels = {names.get(sector, str(sector)): cells for sector, cells in pieces.items()}
+        _label_pieces(axes, grid, labels, sites, scale=axes is panels[0])
         draw_special_cells(axes, grid, radio_map, iz)
         draw_boresights(axes, radio_map, length_m)
         draw_sites(axes, sites)
@@ -215,7 +216,8 @@ def _short_names(radio_map: RadioMap, sectors: Sequence[int]) -> dict[int, str]:
 def _label_handle(names: bool) -> Line2D:
     """Legend entry of the labels of sectors."""
     label = "name of the serving sector" if names else "number of the serving sector, from 0"
-    return Line2D([], [], linestyle="", color="black", marker="$A$" if names else "$0$", markersize=6, label=label)
+    marker = "$A$" if names else "$0$"
+    return Line2D([], [], linestyle="", color="black", marker=marker, markersize=6, markeredgewidth=0.2, label=label)
 
 
 def _largest_pieces(serving: NDArray[np.int32]) -> dict[int, NDArray[np.intp]]:
@@ -231,13 +233,21 @@ def _largest_pieces(serving: NDArray[np.int32]) -> dict[int, NDArray[np.intp]]:
     return found
 
 
-def _label_pieces(axes: Axes, grid: Grid, pieces: dict[str, NDArray[np.intp]], sites: FloatArray) -> None:
-    """Write each label in its piece, as near to the middle as it clears the symbols of sites and the other labels."""
+def _label_pieces(axes: Axes, grid: Grid, pieces: dict[str, NDArray[np.intp]], sites: FloatArray, scale: bool) -> None:
+    """Write each label in its piece, as near to the middle as it clears sites, other labels, and scale and north arrow.
+
+    A label that finds no such place is left out.
+    """
     x_m, y_m = plane_edges_m(grid)
     # The layout is not known yet: a panel is about as wide as the page shared out.
     columns = axes.get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
     m_per_pt = (x_m[-1] - x_m[0]) / (72 * (axes.figure.get_figwidth() - 1.3) / columns)  # type: ignore[union-attr]
+    # Middle, half width and half height of what no label may touch.
     taken = [(x, y, 5.0 * m_per_pt, 5.0 * m_per_pt) for x, y in sites]
+    if scale:
+        width_m, height_m = x_m[-1] - x_m[0], y_m[-1] - y_m[0]
+        taken.append((x_m[0] + 0.2 * width_m, y_m[0] + 0.08 * height_m + 5.0 * m_per_pt, 0.17 * width_m, 8.0 * m_per_pt))
+        taken.append((x_m[0] + 0.94 * width_m, y_m[0] + 0.9 * height_m, 5.0 * m_per_pt, 0.1 * height_m))
     for text, cells in pieces.items():
         half_m = (2.8 * len(text) + 1.5) * m_per_pt, 5.0 * m_per_pt
         places_m = np.stack([np.asarray(grid.x_m)[cells[:, 1]], np.asarray(grid.y_m)[cells[:, 0]]], axis=-1)
@@ -248,10 +258,13 @@ def _label_pieces(axes: Axes, grid: Grid, pieces: dict[str, NDArray[np.intp]], s
             clear &= (off_m[:, 0] >= half_m[0] + half_x_m) | (off_m[:, 1] >= half_m[1] + half_y_m)
         for side, edges_m in enumerate((x_m, y_m)):
             clear &= (places_m[:, side] - half_m[side] >= edges_m[0]) & (places_m[:, side] + half_m[side] <= edges_m[-1])
-        at = places_m[np.where(clear, from_middle, np.inf).argmin() if clear.any() else from_middle.argmin()]
+        if not clear.any():
+            continue
+        at = places_m[np.where(clear, from_middle, np.inf).argmin()]
         taken.append((*at, *half_m))
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
-        axes.text(*at, text, ha="center", va="center", fontsize=8, zorder=4.5, bbox=box, parse_math=False)
+        label = axes.text(at[0], at[1], text, ha="center", va="center", fontsize=8, zorder=4.5, bbox=box)
+        label.set_parse_math(False)
 
 
 CURVES = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, (0, (5, 1, 1, 1))), (GREY, (0, (1, 1))))
@@ -309,7 +322,7 @@ def draw_comparison(a: RadioMap, b: RadioMap, names: Sequence[str], threshold_db
         bar = figure.colorbar(mesh, ax=panels, label="mean SINR [dB]", pad=0.02, shrink=0.9)
         mark_on_bar(bar, threshold_db)
         figure.colorbar(change, ax=panels, label="difference [dB]", pad=0.02, shrink=0.9, extend="both")
-        white = [white_handle("not known (in both)")] if np.isnan(difference[heights]).any() else []
+        white = [white_handle("not known")] if np.isnan(difference[heights]).any() else []
         legend_below(figure, [outline_handle(f"threshold {threshold_db:g} dB"), *white])
         trim_height(figure)
         return figure

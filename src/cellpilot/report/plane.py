@@ -75,17 +75,18 @@ def plane_panels(
 
 def inner_ticks(low: float, high: float) -> list[float]:
     """Round values between two borders, but none whose label would touch that of the panel beside it."""
-    ticks = MaxNLocator(4).tick_values(low, high)
+    ticks = np.asarray(MaxNLocator(4).tick_values(low, high), dtype=np.float64)
     margin = 0.1 * (high - low)
     inner = ticks[(ticks >= low + margin) & (ticks <= high - margin)]
-    return inner.tolist() if inner.size else [(low + high) / 2]
+    return [float(tick) for tick in inner] or [(low + high) / 2]
 
 
 def trim_height(figure: Figure) -> None:
     """Take away the height that panels of a fixed shape leave blank above themselves and above the legend."""
     figure.draw_without_rendering()
-    panels = Bbox.union([axes.get_tightbbox() for axes in figure.axes if axes.get_label() != "<colorbar>"])
-    tops = [figure.bbox.y1] if figure._suptitle is None else [figure._suptitle.get_window_extent().y0]
+    boxes = [axes.get_tightbbox() for axes in figure.axes if axes.get_label() != "<colorbar>"]
+    panels = Bbox.union([box for box in boxes if box is not None])
+    tops = [figure.bbox.y1, *(text.get_window_extent().y0 for text in figure.texts)]
     lows = [legend.get_window_extent().y1 for legend in figure.legends] or [figure.bbox.y0]
     blank_in = (min(tops) - panels.y1 + panels.y0 - max(lows)) / figure.dpi - 2 * GAP_IN
     if blank_in > 0:
