@@ -197,7 +197,7 @@ def log(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("altitude_m", 44.0), ("bin_m", 50.0), ("fill_radius_m", 0.0), ("mask", (0.0, 0.0, 1.0)), ("unknown", "bad")],
+    [("altitude_m", 44.0), ("bin_m", 50.0), ("fill_radius_m", 0.0), ("mask", "none"), ("unknown", "bad")],
 )
 def test_every_setting_of_a_measured_map_changes_the_map(log: Path, name: str, value: object) -> None:
     before = make_map(MeasuredMap(logs=(log,)))
