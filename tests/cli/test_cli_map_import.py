@@ -111,6 +111,7 @@ def test_what_contradicts_itself_or_does_nothing_is_refused(logs: Path, cli: Cli
         ["import", "30m.csv", "--out", "30m.csv"],
         ["import", "30m.csv", "--fill", "gaussian-process", "--trend", "far.csv", "--out", "far.csv"],
         ["simulate", "--sites", "far.csv", "--out", "far.csv"],
+        ["convert", "plain.nc", "plain.nc"],
         ["calibrate", "plain.nc", "--to", "blocked.nc", "--out", "blocked.nc"],
         ["raytrace", "--map.sites", "metres.csv", "--out", "metres.csv"],
         ["sites", "tiny.toml", "--out", "far.csv"],

@@ -1,5 +1,6 @@
 """Kinds of logs: how each is recognised, what it drops, where its heights come from."""
 
+import gzip
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -181,3 +182,19 @@ def test_the_days_of_a_log_that_dates_its_samples(tmp_path: Path) -> None:
     impossible = write(tmp_path / "four.csv", [lines[0], *(line.replace("11-25", "02-30") for line in lines[1:])])
     assert read_log(impossible)[1].days is None
     assert account_of(import_logs([one, undated], altitude_m=30.0)).days is None
+
+
+def test_a_packed_log_and_a_column_that_is_there_twice(tmp_path: Path) -> None:
+    lines = ["Time,Latitude,Longitude,RS SNR", *(f"10:00:0{i},51.9,-8.40{i},{i}" for i in range(4))]
+    (tmp_path / "field_30m.csv.gz").write_bytes(gzip.compress("\n".join(lines).encode()))
+    samples, _ = read_log(tmp_path / "field_30m.csv.gz")
+    assert samples.altitude_m.tolist() == [30.0] * 4
+    damaged = bytearray((tmp_path / "field_30m.csv.gz").read_bytes())
+    damaged[20] ^= 255
+    (tmp_path / "field_30m.csv.gz").write_bytes(damaged)
+    with pytest.raises(InputError, match=r"field_30m\.csv\.gz"):
+        read_log(tmp_path / "field_30m.csv.gz")
+    twice = write(tmp_path / "30m.csv", [line + ",1" for line in lines])
+    twice.write_text(twice.read_text().replace("SNR,1", "SNR,RS SNR"))
+    with pytest.raises(InputError, match="two columns 'RS SNR'"):
+        read_log(twice)

@@ -320,3 +320,9 @@ def test_a_packed_export_is_unpacked(tmp_path: Path) -> None:
     packed.write_text("LTE,502")
     with pytest.raises(InputError, match=r"502\.csv\.gz: cannot be read"):
         read_opencellid(packed)
+
+
+def test_a_site_may_be_called_na(tmp_path: Path) -> None:
+    deployment = hexagonal_deployment(rings=0)
+    write_sites(deployment, tmp_path / "sites.csv", ["NA/none", "NA/-", "b/c"])
+    assert read_sites(tmp_path / "sites.csv").names == ("NA/none", "NA/-", "b/c")

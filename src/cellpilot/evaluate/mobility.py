@@ -93,8 +93,8 @@ class Ride:
         here_dbm, here_db = levels.rsrp_dbm[:, next_cell], levels.sinr_db[:, next_cell]
         serving = self._serving[flight]
         heard = here_dbm[serving, np.arange(len(flight))] > UNHEARD_DBM
-        lost_db = here_db.max(axis=0) - here_db[serving, np.arange(len(flight))]
-        self._sums += Mobility(float(length_m.sum()), 0, 0, int((~heard).sum()), int(heard.sum()), float(lost_db[heard].sum()))
+        lost_db = here_db[:, heard].max(axis=0, initial=-np.inf) - here_db[serving, np.arange(len(flight))][heard]
+        self._sums += Mobility(float(length_m.sum()), 0, 0, int((~heard).sum()), int(heard.sum()), float(lost_db.sum()))
         self._connect(flight[~heard], here_dbm[:, ~heard])
 
     def _connect(self, flight: IntArray, rsrp_dbm: NDArray[np.floating]) -> None:

@@ -111,7 +111,7 @@ def holdout_of(
         raise InputError(
             f"blocks of {block_m:g} m are smaller than cells of {bin_m:g} m: hide larger blocks, or use smaller cells"
         )
-    radio_map = make_measured_map(settings.model_copy(update={"bin_m": bin_m, "fill_radius_m": 0.0}))
+    radio_map = make_measured_map(settings.model_copy(update={"bin_m": bin_m, "fill_radius_m": 0.0, "trend": None}))
     methods: dict[str, Method] = {
         "mean per height": height_mean,
         "inverse distance": inverse_distance(settings.fill_radius_m or np.inf),

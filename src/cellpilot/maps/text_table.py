@@ -3,6 +3,7 @@
 import csv
 import gzip
 import re
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import TextIOWrapper
@@ -18,6 +19,10 @@ MISSING = frozenset({"", "-", "n/a", "na", "nan", "null", "none"})
 
 SENTINELS = frozenset({2147483647.0, -2147483648.0, 9223372036854775807.0})
 """Numbers that stand for no value: Android's UNAVAILABLE is the greatest 32-bit integer."""
+
+
+UNREADABLE = (OSError, EOFError, zlib.error)
+"""What a file that cannot be read, or is packed and damaged, raises."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,10 @@ class Table:
         for name in names:
             if name not in self.names:
                 raise InputError(f"{self.path}, line {self.line}: no column {name!r}; found {self.shown()}{hint}")
+            if self.names.count(name) > 1:
+                raise InputError(
+                    f"{self.path}, line {self.line}: two columns {name!r}; rename or remove the one that is not meant"
+                )
 
     def shown(self) -> str:
         """Number of columns and the first names, for messages."""
@@ -139,7 +148,7 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     reader = None
     try:
         with _unpacked(path) as packed, TextIOWrapper(packed, "utf-8-sig", newline="") as file:
-            first = next((text for text in file if text.strip() and not text.startswith("#")), "")
+            first = next((text for text in file if text.strip() and not text.lstrip().startswith("#")), "")
             delimiter = max(",\t;", key=first.count)
             file.seek(0)
             reader = csv.reader(file, delimiter=delimiter)
@@ -155,7 +164,7 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     except csv.Error as error:
         line = reader.line_num if reader else 1
         raise InputError(f"{path}, line {line}: not readable as text ({error}); expected UTF-8 with separated columns") from None
-    except (OSError, EOFError) as error:
+    except UNREADABLE as error:
         raise InputError(
             f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}): check the file and its permissions"
         ) from None

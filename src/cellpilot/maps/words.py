@@ -66,14 +66,15 @@ def described(radio_map: RadioMap, threshold_db: float, today: date | None = Non
 
 
 def _area(radio_map: RadioMap) -> str:
-    """Borders of the area, and where cells are squares the options that simulate on the same grid."""
+    """Borders of the area, and where cells are squares of whole millimetres the options that simulate on the same grid."""
     centres = {axis: radio_map[axis].values.astype(np.float64) for axis in "xy"}
     steps = {axis: float(np.ptp(values_m) / (values_m.size - 1)) for axis, values_m in centres.items() if values_m.size > 1}
     # A single row is as wide as the columns: cells are squares unless the map says otherwise.
     step_m = {axis: steps.get(axis, next(iter(steps.values()), 1.0)) for axis in "xy"}
     borders = {axis: [_metres(centres[axis][end] + side * step_m[axis] / 2) for end, side in ((0, -1), (-1, 1))] for axis in "xy"}
     text = "area " + ", ".join(f"{axis} {low} to {high} m" for axis, (low, high) in borders.items())
-    if abs(step_m["x"] - step_m["y"]) > 1e-3:
+    whole = all(abs((float(high) - float(low)) / step_m["x"] % 1 - 0.5) > 0.5 - 1e-7 for low, high in borders.values())
+    if abs(step_m["x"] - step_m["y"]) > 1e-3 or not whole or abs(float(_metres(step_m["x"])) - step_m["x"]) > 1e-9:
         return text
     options = [f"--map.{axis}-range-m {low} {high}" for axis, (low, high) in borders.items()]
     options.append(f"--map.bin-m {_metres(step_m['x'])}")

@@ -134,7 +134,7 @@ def _refuse_stray(path: Path, number: int, word: str, cuts: dict[str, FloatArray
 
 def _gain_dbi(path: Path, header: dict[str, str]) -> float:
     text = _first(header, "GAIN")
-    found = re.fullmatch(r"([-+]?\d+(?:\.\d+)?)\s*(dbd|dbi)?", text, re.IGNORECASE)
+    found = re.fullmatch(r"([-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?)\s*(dbd|dbi)?", text, re.IGNORECASE)
     if found is None:
         raise InputError(f"{path}: GAIN is {text!r}; expected a number in dBd, or with the unit dBd or dBi")
     return float(found[1]) + (0.0 if (found[2] or "dBd").lower() == "dbi" else DBD_DBI)

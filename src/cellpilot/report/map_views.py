@@ -289,7 +289,8 @@ def _draw_cdf(radio_map: RadioMap, threshold_db: float) -> Figure:
     axes.axvline(threshold_db, color="black", linewidth=1.0, linestyle="--")
     axes.text(threshold_db, 1.01, f"{threshold_db:g} dB", ha="center", va="bottom", fontsize=8)
     axes.set(xlabel="mean SINR of a free cell [dB]", ylabel="share of cells below [1]", ylim=(0, 1))
-    axes.legend(title="height")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(title="height")
     return figure
 
 

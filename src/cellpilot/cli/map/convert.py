@@ -7,7 +7,7 @@ import tyro
 from pydantic import Field
 
 from cellpilot.cli.console import out
-from cellpilot.cli.options import parse
+from cellpilot.cli.options import parse, refuse_overwriting
 from cellpilot.maps import load_map, save_map
 from cellpilot.scenario import Floats, Settings
 
@@ -24,6 +24,7 @@ class ConvertOptions(Settings):
 def main(arguments: Sequence[str]) -> int:
     """Read and write."""
     options = parse(ConvertOptions, arguments, "cellpilot map convert", "Turn a map into another format.")
+    refuse_overwriting(options.out, (options.source,))
     save_map(load_map(options.source, heights_m=options.heights_m), options.out, variable=options.variable)
     out.print(f"map: {options.out}")
     return 0

@@ -28,6 +28,8 @@ class ShowOptions(Settings):
 def main(arguments: Sequence[str]) -> int:
     """Draw and save."""
     options = parse(ShowOptions, arguments, "cellpilot map show", "Draw a map.")
+    if options.what not in ("sinr", "probability", "cdf"):
+        refuse_idle(options, ("threshold_db",), "is for --what sinr, probability or cdf")
     if options.what != "probability":
         refuse_idle(options, ("noise_std_db",), "is for --what probability")
     from cellpilot.report.figures import check_picture_name, save_figure

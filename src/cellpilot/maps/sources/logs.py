@@ -169,7 +169,7 @@ def _stated_height_m(path: Path, f: LogFormat, options: LogOptions) -> float | N
         return float(options.altitude_m)
     if f.altitude is not None:
         return None
-    found = HEIGHT_IN_NAME.search(path.stem) if f.height_in_name else None
+    found = HEIGHT_IN_NAME.search(Path(path.name.removesuffix(".gz")).stem) if f.height_in_name else None
     if found is None:
         named = "; the file name gives none, like 30m.csv or field_30m.csv would" if f.height_in_name else ""
         raise InputError(f"{path}: the log has no height{named}: give --altitude METRES above take-off")

@@ -91,7 +91,7 @@ def raytrace_map(
     """The RadioMap of a deployment in a scene of Sionna RT ("munich", "etoile", or a Mitsuba XML file), at cell centres [m].
 
     `anchor` says where on Earth x = y = 0 of the scene lies. A cell's SINR follows from its mean path gain over the cell's
-    area. Cells below the roof of a building are blocked; cells no ray reaches are unknown. All sectors need one carrier and
+    area. Cells below the roof of a building, and those that no ray reaches, are blocked. All sectors need one carrier and
     one column antenna up to mechanical tilt. `InputError` for anything else, for what is missing, and with the last line of
     the tracing process should that fail.
 
@@ -130,7 +130,10 @@ def map_of_powers(
     height_m: FloatArray,
     anchor: Anchor | None = None,
 ) -> RadioMap:
-    """The map of received powers `[sector, z, y, x]` [dBm, -inf where nothing arrives]; `inside [z, y, x]` is blocked."""
+    """The map of received powers `[sector, z, y, x]` [dBm, -inf where nothing arrives].
+
+    Cells that are `inside [z, y, x]` a building, and those in which nothing arrives, are blocked.
+    """
     sectors = sectors_of(deployment, names) | {"sector_height_m": height_m}
     return map_of_levels(deployment.interference, power_dbm, x_m, y_m, z_m, sectors, deployment.noise_figure_db, inside, anchor)
 

@@ -125,7 +125,7 @@ def _read(path: Path) -> _Plane:
     values, centres_m = arrays[kind], arrays[CENTRES]
     if values.ndim == 2:
         values = values[None]
-    if values.ndim != 3 or centres_m.shape != (*values.shape[1:], 3):
+    if not values.size or values.ndim != 3 or centres_m.shape != (*values.shape[1:], 3):
         raise InputError(
             f"{path}: array {kind!r} has shape {values.shape} and {CENTRES!r} {centres_m.shape};"
             " expected (transmitters, y, x) and (y, x, 3)"

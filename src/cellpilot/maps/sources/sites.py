@@ -58,7 +58,7 @@ class SiteList:
 
     deployment: Deployment
     names: tuple[str, ...] | None  # `site_id/sector_id` of each sector, see `sector_name`; None for a layout without names
-    anchor: Anchor | None  # of x = y = 0; None for a list in metres
+    anchor: Anchor | None  # of x = y = 0; None for a list in metres without a given one
 
 
 def read_sites(path: str | Path, anchor: Anchor | None = None, noise_figure_db: float = 9.0) -> SiteList:
@@ -287,7 +287,8 @@ def _in_degrees(table: Table) -> bool:
 
 
 def _needed_text(row: Row, name: str) -> str:
-    text = row.text(name)
+    # An operator may call a site NA: what stands for no value elsewhere is a name here.
+    text = row.fields[row.table.names.index(name)].strip()
     if not text:
         raise row.error(f"{name} is empty; expected a name" if name != "antenna" else "antenna is empty; expected an antenna")
     return text
