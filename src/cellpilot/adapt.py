@@ -20,6 +20,7 @@ from cellpilot.experiment import make_map
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
 from cellpilot.maps.estimate.gaussian_process import Kernel
+from cellpilot.maps.files import FORMATS
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, Policy
 from cellpilot.provenance import digest, write_atomically
 from cellpilot.scenario import MapFile, MapSettings, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
@@ -282,10 +283,11 @@ def _listed(numbers: list[int]) -> str:
 
 
 def read_place(text: str, bin_m: float) -> tuple[MapSettings, Scenario | None]:
-    """What A or B names: a RadioMap file (.nc), a measured log (.csv), or a scenario by file or name."""
-    if text.endswith(".nc"):
+    """What A or B names: a RadioMap file (.nc, .zarr, .tif), a measured log (.csv), or a scenario by file or name."""
+    suffix = Path(text).suffix.lower()
+    if suffix in FORMATS and suffix != ".csv":
         return MapFile(path=Path(text)), None
-    if text.endswith(".csv"):
+    if suffix == ".csv":
         return MeasuredMap(logs=(Path(text),), bin_m=bin_m, fill_radius_m=WHOLE_AREA_M), None
     scenario = load_scenario(find_scenario(text))
     return scenario.map, scenario

@@ -107,7 +107,8 @@ def test_a_simulation_takes_the_grid_of_a_measured_map_and_its_level_from_anothe
 
 
 def test_a_place_is_a_map_a_log_or_a_scenario(tmp_path: Path) -> None:
-    assert read_place("some.nc", 40.0)[0].kind == "file"
+    for name in ("some.nc", "some.zarr", "some.tif"):
+        assert read_place(name, 40.0)[0].kind == "file"
     log, scenario = read_place("some.csv", 25.0)
     assert isinstance(log, MeasuredMap)
     assert (log.bin_m, scenario) == (25.0, None)
