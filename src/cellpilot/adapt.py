@@ -20,7 +20,6 @@ from cellpilot.experiment import make_map
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
 from cellpilot.maps.estimate.gaussian_process import Kernel
-from cellpilot.maps.files import FORMATS
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, Policy
 from cellpilot.provenance import digest, write_atomically
 from cellpilot.scenario import MapFile, MapSettings, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
@@ -284,6 +283,8 @@ def _listed(numbers: list[int]) -> str:
 
 def read_place(text: str, bin_m: float) -> tuple[MapSettings, Scenario | None]:
     """What A or B names: a RadioMap file (.nc, .zarr, .tif), a measured log (.csv), or a scenario by file or name."""
+    from cellpilot.maps.files import FORMATS
+
     suffix = Path(text).suffix.lower()
     if suffix in FORMATS and suffix != ".csv":
         return MapFile(path=Path(text)), None
