@@ -67,7 +67,6 @@ def test_round_trip(tmp_path: Path) -> None:
 
 
 @pytest.mark.shared
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the antenna files lie beside the checkout, in ../shared/data")
 @pytest.mark.parametrize("name", ["AMB4520R8v06_05T.msi", "B800A065-18-4E.pln", "SV460-SF2SNM_0960_00T.msi"])
 def test_vendor_files_peak_at_their_gain_and_survive_a_round_trip(tmp_path: Path, name: str) -> None:
     found = read_antenna(SHARED / name)

@@ -89,8 +89,8 @@ class Ride:
         levels = self._world.levels
         if levels is None:
             return
-        self._hand_over(flight, levels.rsrp_dbm[:, cell].astype(float), levels.rsrp_dbm[:, next_cell].astype(float), time_s)
         here_dbm, here_db = levels.rsrp_dbm[:, next_cell], levels.sinr_db[:, next_cell]
+        self._hand_over(flight, levels.rsrp_dbm[:, cell].astype(float), here_dbm.astype(float), time_s)
         serving = self._serving[flight]
         heard = here_dbm[serving, np.arange(len(flight))] > UNHEARD_DBM
         lost_db = here_db[:, heard].max(axis=0, initial=-np.inf) - here_db[serving, np.arange(len(flight))][heard]

@@ -66,12 +66,12 @@ def _trend_db(settings: LogSettings, radio_map: "RadioMap") -> NDArray[np.float6
     from cellpilot.radio import simulate
 
     assert settings.trend is not None
-    if read_sites(settings.trend).anchor is None:
+    sites = read_sites(settings.trend, anchor_of(radio_map))
+    if not sites.in_degrees:
         raise InputError(f"{settings.trend}: the sites are in metres; a trend needs them in degrees, as the log is")
-    deployment = read_sites(settings.trend, anchor_of(radio_map)).deployment
-    _check_near(settings.trend, deployment, radio_map["x"].values, radio_map["y"].values)
+    _check_near(settings.trend, sites.deployment, radio_map["x"].values, radio_map["y"].values)
     z_m, y_m, x_m = (radio_map[axis].values for axis in "zyx")
-    return simulate(deployment, x_m, y_m[:, None], z_m[:, None, None], settings.trend_environment).sinr_db
+    return simulate(sites.deployment, x_m, y_m[:, None], z_m[:, None, None], settings.trend_environment).sinr_db
 
 
 FARTHEST_SITE_M = 50_000.0

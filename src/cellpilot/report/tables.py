@@ -164,19 +164,12 @@ MOBILITY_COLUMNS = {
 def mobility_table(metrics: dict[str, Any]) -> Table:
     """Outages in seconds and handovers for the terminal, from the payload `metrics` of `eval.nc`."""
     names = {name: column for name, column in columns().items() if name in MOBILITY_COLUMNS}
-    table = Table(
+    return _terminal_table(
         title=f"sampled flights at {metrics['speed_mps']:g} m/s",
         caption="outage: longest time below the threshold; below best: SINR lost to a serving sector that is not the best",
-        box=SIMPLE_HEAD,
-        collapse_padding=True,
-        pad_edge=False,
+        headings=[MOBILITY_COLUMNS[name] for name in names],
+        rows=policy_rows(metrics["policies"], source_of(metrics), names),
     )
-    table.add_column("policy", no_wrap=True)
-    for name in names:
-        table.add_column(MOBILITY_COLUMNS[name], justify="right", no_wrap=True)
-    for row in policy_rows(metrics["policies"], source_of(metrics), names):
-        table.add_row(row.policy, *row.cells.values())
-    return table
 
 
 def text_table(metrics: dict[str, Any]) -> Table:
@@ -186,17 +179,20 @@ def text_table(metrics: dict[str, Any]) -> Table:
         basis = f"exact, all {count(metrics['n_pairs'])} start-goal pairs"
     else:
         basis = f"sampled from {count(metrics['n_pairs'])} start-goal pairs"
-    table = Table(
+    return _terminal_table(
         title=f"{metrics.get('scenario', 'evaluation')}: {basis}",
         caption="below: steps with SINR below the threshold; p50, p90: path ratio; score: 0 = baseline, 1 = optimum",
-        box=SIMPLE_HEAD,
-        collapse_padding=True,
-        pad_edge=False,
+        headings=[TERMINAL_COLUMNS[name] for name in names],
+        rows=main_rows(metrics, names),
     )
+
+
+def _terminal_table(title: str, caption: str, headings: list[str], rows: list[Row]) -> Table:
+    table = Table(title=title, caption=caption, box=SIMPLE_HEAD, collapse_padding=True, pad_edge=False)
     table.add_column("policy", no_wrap=True)
-    for name in names:
-        table.add_column(TERMINAL_COLUMNS[name], justify="right", no_wrap=True)
-    for row in main_rows(metrics, names):
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows:
         # Intervals stand in the report; a terminal is narrow.
         table.add_row(row.policy, *(text.split(" (")[0] for text in row.cells.values()))
     return table

@@ -39,7 +39,7 @@ def main(arguments: Sequence[str]) -> int:
     refuse_overwriting(options.out, (options.map.sites,))
     refuse_idle(options.map, IDLE, "is for the 3GPP simulation, not for ray tracing", "map.")
     sites = make_sites(options.map)
-    if options.map.sites is not None and sites.anchor is not None and options.map.anchor is None:
+    if sites.in_degrees and options.map.anchor is None:
         raise InputError(
             f"{options.map.sites} is in degrees, the scene in metres: say where x = y = 0 of the scene lies: --map.anchor LAT LON"
         )

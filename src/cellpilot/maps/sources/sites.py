@@ -59,6 +59,7 @@ class SiteList:
     deployment: Deployment
     names: tuple[str, ...] | None  # `site_id/sector_id` of each sector, see `sector_name`; None for a layout without names
     anchor: Anchor | None  # of x = y = 0; None for a list in metres without a given one
+    in_degrees: bool = False  # whether the list itself says where on Earth its sites are
 
 
 def read_sites(path: str | Path, anchor: Anchor | None = None, noise_figure_db: float = 9.0) -> SiteList:
@@ -84,7 +85,7 @@ def read_sites(path: str | Path, anchor: Anchor | None = None, noise_figure_db: 
         arrays["x_m"], arrays["y_m"] = to_local(latitude_deg, longitude_deg, anchor)
     antennas = tuple(sector["antenna"] for sector in sectors)
     deployment = Deployment(**arrays, antenna=antennas, noise_figure_db=noise_figure_db)
-    return SiteList(deployment, tuple(sector["name"] for sector in sectors), anchor)
+    return SiteList(deployment, tuple(sector["name"] for sector in sectors), anchor, in_degrees)
 
 
 def sector_name(site_id: str, sector_id: str) -> str:
