@@ -7,7 +7,7 @@ of B: 0 = greedy baseline, 1 = exact optimum.
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,8 +21,9 @@ from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
 from cellpilot.maps.estimate.gaussian_process import Kernel
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, Policy
-from cellpilot.provenance import digest, write_atomically
+from cellpilot.provenance import digest
 from cellpilot.scenario import MapFile, MapSettings, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
+from cellpilot.storage import load_array, save_array
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -136,11 +137,11 @@ def adapt(
         for j, name in enumerate(arms):
             within = lambda share, i=i, j=j: progress((i * len(arms) + j + share) / (n_seeds * len(arms)))
             file = None if folder is None else folder / f"{name}-{seed}-{_mark(transfer, checkpoints)}.npy"
-            curve = _load(file) if file is not None and file.is_file() else None
+            curve = load_array(file) if file is not None and file.is_file() else None
             if curve is None:
                 curve = _curve(transfer, name, seed, checkpoints, greedy, optimal, within)
                 if file is not None:
-                    write_atomically(file, partial(_save, curve))
+                    save_array(curve, file)
             found[:, j, i] = curve
             within(1.0)
     dims = ("arm", "seed", "flights")
@@ -186,18 +187,6 @@ def _mark(transfer: Transfer, checkpoints: Sequence[int]) -> str:
     truth, prepared = transfer.truth, transfer.prepared
     text = repr((transfer.task, truth.noise_std_db, truth.grid, PRIOR_SETTINGS, MapLearnerSettings(), transfer.deep, checkpoints))
     return digest([truth.sinr_db, truth.blocked, prepared.sinr_db, np.frombuffer(text.encode(), np.uint8)])
-
-
-def _load(file: Path) -> np.ndarray:
-    try:
-        return np.asarray(np.load(file))
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"{file}: the curve is damaged ({error}); delete it to fly it again") from error
-
-
-def _save(curve: np.ndarray, path: Path) -> None:
-    with path.open("wb") as file:
-        np.save(file, curve)
 
 
 def likeness(transfer: Transfer) -> dict[str, float]:

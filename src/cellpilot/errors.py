@@ -7,3 +7,7 @@ class InputError(ValueError):
 
 class RangeError(InputError):
     """A physical quantity lies outside the range for which a model is defined."""
+
+
+class WriteError(InputError):
+    """A file could not be written: no room, no permission, no such place."""

@@ -18,8 +18,9 @@ from cellpilot.evaluate import Evaluation, HandoverRule, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.experiment import check_learner, fingerprint, make_learner, make_map, make_policies, make_task, shipped_policy
 from cellpilot.policies import OptimalPolicy, PolicyParameters, load_parameters
-from cellpilot.provenance import TEMPORARY, versions, write_atomically
+from cellpilot.provenance import versions
 from cellpilot.scenario import SHIPPED, Scenario, dump_scenario, find_scenario, load_scenario
+from cellpilot.storage import TEMPORARY, read_json, save_netcdf, write_atomically, write_json
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -46,6 +47,9 @@ FILES = {
 """Everything a run folder can hold; only a folder with nothing else is ever replaced."""
 
 
+NOT_A_RUN = "restore it, or train again"
+
+
 @dataclass(frozen=True)
 class Run:
     """A folder, its scenario and seed, and the map with what follows from it."""
@@ -69,7 +73,7 @@ class Run:
     def update_facts(self, **facts: Any) -> None:
         """Add entries to `run.json`."""
         path = self.folder / "run.json"
-        write_json(path, json.loads(path.read_text()) | facts)
+        write_json(path, read_json(path, NOT_A_RUN) | facts)
 
 
 def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force: bool = False, n_seeds: int = 1) -> Run:
@@ -91,7 +95,7 @@ def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force:
     save_map(radio_map, folder / "map.nc")
     facts = {"seed": seed, "command": command, "versions": versions(), "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
     write_json(folder / "run.json", facts)
-    write_atomically(folder / "scenario.toml", lambda path: path.write_text(dump_scenario(scenario)))
+    write_atomically(folder / "scenario.toml", dump_scenario(scenario))
     return run
 
 
@@ -130,10 +134,7 @@ def open_run(name: str | Path) -> Run:
         )
     from cellpilot.maps import load_map
 
-    try:
-        seed = json.loads((folder / "run.json").read_text())["seed"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder / 'run.json'}: not readable as a run ({error!r})") from error
+    seed = read_json(folder / "run.json", NOT_A_RUN).get("seed")
     if not isinstance(seed, int) or isinstance(seed, bool):
         raise InputError(f"{folder / 'run.json'}: seed is {seed!r}; expected a whole number")
     return _assemble(folder, load_scenario(folder / "scenario.toml"), seed, load_map(folder / "map.nc"))
@@ -154,7 +155,7 @@ def open_run_or_shipped(name: str, command: str) -> Run:
     parameters = shipped_policy(source)
     assert parameters is not None
     run = create_run(folder, load_scenario(source), int(parameters.about.get("seed", 0)), command, force=True)
-    write_atomically(run.policy_file, lambda path: path.write_bytes(policy))
+    write_atomically(run.policy_file, policy)
     return run
 
 
@@ -286,13 +287,8 @@ def save_evaluation(run: Run, evaluation: Evaluation) -> Path:
         },
     )
     path = run.folder / "eval.nc"
-    write_atomically(path, lambda temporary: dataset.to_netcdf(temporary, engine="h5netcdf"))
+    save_netcdf(dataset, path)
     return path
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write JSON atomically."""
-    write_atomically(path, lambda temporary: temporary.write_text(json.dumps(content, indent=2) + "\n"))
 
 
 def _assemble(folder: Path, scenario: Scenario, seed: int, radio_map: "RadioMap") -> Run:
@@ -332,4 +328,4 @@ def _write_history(run: Run, result: "TrainingResult") -> None:
             "seed": run.seed,
         },
     )
-    write_atomically(run.folder / "train.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))
+    save_netcdf(dataset, run.folder / "train.nc")

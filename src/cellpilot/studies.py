@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,9 +13,9 @@ from cellpilot.evaluate.metrics import METRICS
 from cellpilot.experiment import fingerprint, make_learner
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, load_parameters
 from cellpilot.policies.learned import save_parameters
-from cellpilot.provenance import write_atomically
 from cellpilot.runs import Run
 from cellpilot.scenario import Scenario
+from cellpilot.storage import load_array, save_array, save_netcdf
 from cellpilot.task import Task
 
 if TYPE_CHECKING:
@@ -76,7 +75,7 @@ def ablation(run: Run, n_seeds: int, progress: Callable[[float], None] = lambda 
         coords={"variant": list(VARIANTS), "seed": np.arange(n_seeds)},
         attrs={"scenario": run.scenario.name},
     )
-    write_atomically(run.folder / "ablation.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))
+    save_netcdf(dataset, run.folder / "ablation.nc")
     return dataset
 
 
@@ -104,21 +103,10 @@ def _variant_curves(run: Run, arena: "Arena", name: str, n_seeds: int, progress:
             return None
         for result in results:
             curve = result.history["episode_return"]
-            write_atomically(file(result.seed), partial(_save_curve, curve))
+            save_array(curve, file(result.seed))
             checkpoint(result.seed).unlink()
     progress(1.0)
-    return np.stack([_load_curve(file(seed)) for seed in range(n_seeds)])
-
-
-def _save_curve(curve: np.ndarray, path: Path) -> None:
-    np.save(path, curve)
-
-
-def _load_curve(file: Path) -> np.ndarray:
-    try:
-        return np.asarray(np.load(file))
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"{file}: the learning curve is damaged ({error}); delete it to train it again") from error
+    return np.stack([load_array(file(seed)) for seed in range(n_seeds)])
 
 
 def early_return(dataset: "xr.Dataset") -> dict[str, tuple[float, float]]:
@@ -169,7 +157,7 @@ def sensitivity(run: Run, learned: bool, progress: Callable[[float], None] = lam
             "default_rho_goal": run.task.rho_goal,
         },
     )
-    write_atomically(run.folder / "sensitivity.nc", lambda path: dataset.to_netcdf(path, engine="h5netcdf"))
+    save_netcdf(dataset, run.folder / "sensitivity.nc")
     return dataset
 
 

@@ -9,9 +9,9 @@ import jax
 import pytest
 from cli_tools import TINY, Cli, assert_refused, tree
 
+from cellpilot import memory
 from cellpilot.cli.main import VERBS
 from cellpilot.envs.arena import make_arena
-from cellpilot.learn import memory
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, EXPERIENCE_BYTES
 from cellpilot.learn.algorithms.fqi_her import initial_state
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER

@@ -1,11 +1,9 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellpilot.provenance import digest, versions, write_atomically
+from cellpilot.provenance import digest, versions
 from cellpilot.units import THERMAL_NOISE_DBM_HZ, from_db, to_db
 
 
@@ -24,33 +22,6 @@ def test_versions_name_what_computes() -> None:
     found = versions()
     assert found["numpy"] == np.__version__
     assert {"python", "cellpilot", "jax", "scipy"} <= set(found)
-
-
-def test_a_write_that_fails_leaves_the_file_as_it_was(tmp_path: Path) -> None:
-    path = tmp_path / "deep" / "result.txt"
-    write_atomically(path, lambda temporary: temporary.write_text("first"))
-    assert path.read_text() == "first"
-
-    def fail(temporary: Path) -> None:
-        temporary.write_text("half")
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_atomically(path, fail)
-    assert path.read_text() == "first"
-    assert [p.name for p in path.parent.iterdir()] == ["result.txt"]
-
-
-def test_the_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:
-    path = tmp_path / "result.txt"
-
-    def write(temporary: Path) -> None:
-        temporary.write_text("whole")
-        assert temporary.parent == path.parent
-        assert not path.exists()
-
-    write_atomically(path, write)
-    assert path.read_text() == "whole"
 
 
 @given(st.floats(-150.0, 150.0))

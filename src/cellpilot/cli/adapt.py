@@ -17,8 +17,9 @@ from cellpilot.errors import InputError
 from cellpilot.experiment import make_task, threshold_warning
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.maps import grid_of, save_map
-from cellpilot.provenance import versions, write_atomically
+from cellpilot.provenance import versions
 from cellpilot.scenario import RewardSettings, Scenario, Settings
+from cellpilot.storage import save_netcdf
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -60,7 +61,7 @@ def main(arguments: Sequence[str]) -> int:
     data.attrs |= {"title": title, "command": command_line(), "versions": json.dumps(versions())}
     save_map(map_a, folder / "map-a.nc")
     save_map(map_b, folder / "map-b.nc")
-    write_atomically(folder / "adapt.nc", lambda path: data.to_netcdf(path, engine="h5netcdf"))
+    save_netcdf(data, folder / "adapt.nc")
     _show(data, title)
     from cellpilot.report.figures import draw_study
 

@@ -1,6 +1,5 @@
 """Saving and restoring everything that training changes, as tensors named by their path in the state."""
 
-import json
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -8,15 +7,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
 from cellpilot.errors import InputError
 from cellpilot.learn.networks import QNetwork
 from cellpilot.policies.learned import PolicyParameters
-from cellpilot.provenance import write_atomically
+from cellpilot.storage import load_tensors, save_tensors
 
-FORMAT = "cellpilot-state-1"
+FORMAT = "cellpilot-state-2"
+HEADER = {"fingerprint", "seed", "train_wall_s"}
 State = TypeVar("State")
 
 
@@ -24,8 +22,7 @@ def save_state(path: Path, state: Any, history: dict[str, np.ndarray], about: di
     """Write state, history and description atomically: an interrupted save leaves the previous file."""
     tensors = {f"state.{name}": np.asarray(leaf) for name, leaf in named_leaves(state).items()}
     tensors |= {f"history.{name}": np.ascontiguousarray(column) for name, column in history.items()}
-    metadata = {"format": FORMAT, "about": json.dumps(about)}
-    write_atomically(path, lambda temporary: save_file(tensors, temporary, metadata=metadata))
+    save_tensors(path, tensors, FORMAT, about)
 
 
 def load_state(path: Path, template: State, identity: dict[str, Any]) -> tuple[State, dict[str, np.ndarray], dict[str, Any]]:
@@ -33,16 +30,8 @@ def load_state(path: Path, template: State, identity: dict[str, Any]) -> tuple[S
 
     `InputError` for a damaged file, one whose description differs from `identity`, or whose tensors do not fit.
     """
+    tensors, about = load_tensors(path, FORMAT, HEADER, "delete it to train from the start")
     try:
-        with safe_open(path, framework="np") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: the checkpoint is damaged ({error}); delete it to train from the start") from error
-    if metadata.get("format") != FORMAT:
-        raise InputError(f"{path}: format is {metadata.get('format')!r}, expected {FORMAT!r}; delete it to train from the start")
-    try:
-        about = json.loads(metadata["about"])
         about = {"fingerprint": about["fingerprint"], "seed": about["seed"], "train_wall_s": float(about["train_wall_s"])}
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: the description is damaged ({error!r}); delete it to train from the start") from error

@@ -1,23 +1,21 @@
 """A trained policy, flown on NumPy alone: `policy.safetensors`, tensors and a JSON description in its header."""
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid, IntArray
 from cellpilot.policies import pair_value
 from cellpilot.policies.base import greedy_actions, one_hot
-from cellpilot.provenance import write_atomically
+from cellpilot.storage import load_tensors, save_tensors
 from cellpilot.task import Task
 
 FORMAT = "cellpilot-policy-1"
+HEADER = {"architecture", "sides", "about"}
 TENSORS = {
     "concatenated": {"network.layers.0.weight", "network.layers.0.bias"},
     "two-stream": {"phi.layers.0.weight", "phi.layers.0.bias", "psi.layers.0.weight", "psi.layers.0.bias"},
@@ -106,25 +104,13 @@ class LearnedPolicy:
 def save_parameters(parameters: PolicyParameters, path: Path) -> None:
     """Write `policy.safetensors` atomically."""
     header = {"architecture": parameters.architecture, "sides": parameters.sides, "about": parameters.about}
-    # One entry: safetensors writes several in any order, and equal trainings shall give equal files.
-    metadata = {FORMAT: json.dumps(header)}
-    write_atomically(path, lambda temporary: save_file(parameters.tensors, temporary, metadata=metadata))
+    save_tensors(path, parameters.tensors, FORMAT, header)
 
 
 def load_parameters(path: Path) -> PolicyParameters:
     """Read `policy.safetensors`; `InputError` for a missing file, a damaged one or one of another kind."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; expected a trained policy (cellpilot train writes one)")
+    tensors, header = load_tensors(path, FORMAT, HEADER, "expected a policy that cellpilot train has written")
     try:
-        with safe_open(path, framework="np") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: not a readable safetensors file ({error}); train again or restore it") from error
-    if FORMAT not in metadata:
-        raise InputError(f"{path}: no entry {FORMAT!r} in its header: not a policy of cellpilot")
-    try:
-        header = json.loads(metadata[FORMAT])
         nx, ny, nz = (int(n) for n in header["sides"])
         architecture, about = header["architecture"], dict(header["about"])
         expected = TENSORS[architecture]

@@ -17,7 +17,8 @@ from cellpilot.errors import InputError
 from cellpilot.grid import ACTIONS, Grid
 from cellpilot.policies import pair_value
 from cellpilot.policies.learned import FORMAT, PolicyParameters
-from cellpilot.provenance import versions, write_atomically
+from cellpilot.provenance import versions
+from cellpilot.storage import write_atomically
 from cellpilot.task import Task
 
 OPSET, IR_VERSION = 17, 8
@@ -27,7 +28,7 @@ OPSET, IR_VERSION = 17, 8
 def save_onnx(parameters: PolicyParameters, path: Path) -> None:
     """Write the policy as ONNX, atomically; `InputError` if the extra is missing."""
     model = make_onnx(parameters)
-    write_atomically(path, lambda temporary: temporary.write_bytes(model.SerializeToString()))
+    write_atomically(path, model.SerializeToString())
 
 
 def make_onnx(parameters: PolicyParameters) -> Any:

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from cellpilot.errors import InputError
-from cellpilot.provenance import write_atomically
 from cellpilot.radio.antenna_pattern import PatternAntenna
 from cellpilot.radio.ranges import FloatArray
+from cellpilot.storage import write_atomically
 
 DBD_DBI = 2.15
 """Gain of a half-wave dipole [dBi]."""
@@ -86,8 +86,7 @@ def read_antenna(path: str | Path) -> AntennaFile:
 
 def write_antenna(antenna: AntennaFile, path: str | Path) -> None:
     """Write the antenna as a Planet file that `read_antenna` reads back equal."""
-    text = antenna_text(antenna)
-    write_atomically(Path(path), lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    write_atomically(Path(path), antenna_text(antenna))
 
 
 def antenna_text(antenna: AntennaFile) -> str:

@@ -11,6 +11,7 @@ import xarray as xr
 from cellpilot.errors import InputError
 from cellpilot.maps import RadioMap, load_map
 from cellpilot.policies import LearnedPolicy, OptimalPolicy, PolicyParameters, load_parameters
+from cellpilot.storage import load_netcdf, read_json
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -77,28 +78,9 @@ def load_content(folder: Path) -> Content:
         training=_dataset(folder / "train.nc"),
         ablation=_dataset(folder / "ablation.nc"),
         sensitivity=_dataset(folder / "sensitivity.nc"),
-        about=_about(folder / "run.json"),
+        about=read_json(folder / "run.json", "restore or delete it") if (folder / "run.json").exists() else {},
     )
 
 
 def _dataset(path: Path) -> xr.Dataset | None:
-    if not path.exists():
-        return None
-    try:
-        return xr.load_dataset(path, engine="h5netcdf", decode_times=False, decode_timedelta=False)
-    # HDF5, h5netcdf and xarray each have their own way to say that the bytes are not what they should be.
-    except (OSError, ValueError, KeyError, RuntimeError, TypeError, AttributeError) as error:
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: not a readable NetCDF-4 file ({reason}); make it again") from None
-
-
-def _about(path: Path) -> dict[str, Any]:
-    if not path.exists():
-        return {}
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(f"{path}: not readable as JSON ({error}); restore or delete it") from error
-    if not isinstance(about, dict):
-        raise InputError(f"{path}: holds a {type(about).__name__}; expected a JSON object")
-    return about
+    return load_netcdf(path, "what cellpilot has written: make it again") if path.exists() else None

@@ -10,7 +10,6 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from cellpilot.errors import InputError
-from cellpilot.provenance import write_atomically
 from cellpilot.report.adaptation import draw_adapt
 from cellpilot.report.content import Content
 from cellpilot.report.distributions import draw_altitude, draw_path_ratio_cdf, draw_return_cdf, draw_sinr_cdf
@@ -18,6 +17,7 @@ from cellpilot.report.learning import draw_ablation, draw_sensitivity, draw_trai
 from cellpilot.report.maps import draw_deployment, draw_low_probability, draw_sinr
 from cellpilot.report.policies import draw_high_goal, draw_low_goal
 from cellpilot.report.style import drawing_settings
+from cellpilot.storage import write_atomically
 
 DPI = 150
 PAD_IN = 0.05
@@ -164,7 +164,7 @@ def save_figure(figure: Figure, path: Path) -> bytes:
     dpi, metadata = FORMATS[path.suffix]
     picture = io.BytesIO()
     figure.savefig(picture, format=path.suffix[1:], dpi=dpi, bbox_inches="tight", pad_inches=PAD_IN, metadata=metadata)
-    write_atomically(path, lambda temporary: temporary.write_bytes(picture.getvalue()))
+    write_atomically(path, picture.getvalue())
     return picture.getvalue()
 
 

@@ -5,13 +5,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cellpilot.provenance import write_atomically
 from cellpilot.report import html, tables
 from cellpilot.report.content import Content, load_content
 from cellpilot.report.figures import draw_figures
 from cellpilot.report.numbers import count
 from cellpilot.report.thesis import PUBLISHED_IN
 from cellpilot.report.words import summary_paragraphs
+from cellpilot.storage import write_atomically
 
 
 def write_report(run: Path) -> Path:
@@ -32,7 +32,7 @@ def write_report(run: Path) -> Path:
         ],
     )
     path = run / "report.html"
-    write_atomically(path, lambda temporary: temporary.write_text(document, encoding="utf-8"))
+    write_atomically(path, document)
     return path
 
 

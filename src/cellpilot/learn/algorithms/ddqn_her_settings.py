@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from cellpilot.errors import InputError
-from cellpilot.learn.memory import check_memory
+from cellpilot.memory import check_memory
 from cellpilot.task import Task
 
 Exploration = Literal["boltzmann", "epsilon-greedy"]

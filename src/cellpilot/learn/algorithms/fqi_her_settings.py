@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from cellpilot.errors import InputError
-from cellpilot.learn.memory import check_memory
+from cellpilot.memory import check_memory
 from cellpilot.policies.pair_value import Sides, n_rows
 from cellpilot.task import Task
 

@@ -4,6 +4,7 @@ The first line is a comment that holds the attributes as JSON; without it the fi
 """
 
 import csv
+import io
 import json
 from math import isnan
 from pathlib import Path
@@ -17,7 +18,7 @@ from cellpilot.maps.formats.cells import VARIABLES, attributes_json
 from cellpilot.maps.geodesy import to_degrees
 from cellpilot.maps.schema import CELL, RadioMap, anchor_of, make_map, validate
 from cellpilot.maps.text_table import Column, open_table
-from cellpilot.provenance import write_atomically
+from cellpilot.storage import write_atomically
 
 MARK = "# cellpilot map "
 PLACES = ("x_m", "y_m", "z_m")
@@ -41,14 +42,12 @@ def write(dataset: RadioMap, path: Path) -> None:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
-    def fill(temporary: Path) -> None:
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            file.write(MARK + attributes + "\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(texts)
-            writer.writerows(zip(*texts.values(), strict=True))
-
-    write_atomically(path, fill)
+    file = io.StringIO()
+    file.write(MARK + attributes + "\n")
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(texts)
+    writer.writerows(zip(*texts.values(), strict=True))
+    write_atomically(path, file.getvalue())
 
 
 def read(path: Path) -> RadioMap:

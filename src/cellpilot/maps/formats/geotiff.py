@@ -20,7 +20,7 @@ from cellpilot.maps.formats.foreign_raster import WGS84, FloatArray, apply, loca
 from cellpilot.maps.formats.raster_bands import bands_of, check_georeferenced, values_of
 from cellpilot.maps.geodesy import Anchor, metres_per_degree, to_degrees
 from cellpilot.maps.schema import FIELDS, RadioMap, anchor_of, make_map, validate
-from cellpilot.provenance import write_atomically
+from cellpilot.storage import seal, write_atomically
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -65,8 +65,8 @@ def write(dataset: RadioMap, path: Path, variable: str | None = None) -> None:
         "interleave": "band",
     }
 
-    def fill(temporary: Path) -> None:
-        with rasterio.open(temporary, "w", **profile) as file:
+    with rasterio.MemoryFile() as memory:
+        with memory.open(**profile) as file:
             file.update_tags(**{TAG: tag})
             bands = [(name, iz, height_m) for name in layers for iz, height_m in enumerate(z_m.tolist())]
             for band, (name, iz, height_m) in enumerate(bands, 1):
@@ -75,7 +75,8 @@ def write(dataset: RadioMap, path: Path, variable: str | None = None) -> None:
                 file.update_tags(band, VARIABLE=name, HEIGHT_M=repr(height_m))
                 file.set_band_unit(band, FIELDS[name].units)
 
-    write_atomically(path, fill)
+        content = bytes(memory.read())
+    write_atomically(path, seal(content))
 
 
 def read(path: Path, heights_m: tuple[float, ...] | None = None) -> RadioMap:

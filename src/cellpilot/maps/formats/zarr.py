@@ -8,7 +8,7 @@ import xarray as xr
 
 from cellpilot.errors import InputError
 from cellpilot.maps.schema import RadioMap, validate
-from cellpilot.provenance import TEMPORARY
+from cellpilot.storage import TEMPORARY
 
 ASIDE = ".replaced-"
 """How the name of a store begins while another takes its place."""

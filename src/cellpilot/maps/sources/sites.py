@@ -18,11 +18,11 @@ Further columns are allowed and left alone.
 """
 
 import csv
+import io
 import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import count
 from math import isnan
 from pathlib import Path
@@ -33,11 +33,11 @@ import numpy as np
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import MAX_LATITUDE_DEG, Anchor, farthest_from_the_rest, to_degrees, to_local
 from cellpilot.maps.text_table import LONGITUDE_DEG, Column, Row, Table, open_table
-from cellpilot.provenance import write_atomically
 from cellpilot.radio import Antenna, AntennaFile, ColumnAntenna, Deployment, PatternAntenna, read_antenna
 from cellpilot.radio.antenna_file import antenna_text
 from cellpilot.radio.interference import RESOURCE_BLOCKS
 from cellpilot.radio.ranges import check_range
+from cellpilot.storage import write_atomically
 
 DEGREES, METRES = ("latitude", "longitude"), ("x_m", "y_m")
 REQUIRED = ("site_id", "height_m", "sector_id", "azimuth_deg", "antenna", "power_dbm", "carrier_mhz", "bandwidth_mhz")
@@ -153,15 +153,13 @@ def write_sites(
             | ({} if note is None else {"note": note})
         )
 
-    def write(temporary: Path) -> None:
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(lines)
-
+    table = io.StringIO()
+    writer = csv.DictWriter(table, list(lines[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
     try:
         files.write()
-        write_atomically(path, write)
+        write_atomically(path, table.getvalue())
     except BaseException:
         files.remove()
         raise
@@ -200,7 +198,7 @@ class _AntennaFiles:
     def write(self) -> None:
         """Write those that are not there yet."""
         for file, text in self.texts.items():
-            write_atomically(file, partial(Path.write_text, data=text, encoding="utf-8", newline="\n"))
+            write_atomically(file, text)
             self.made.append(file)
 
     def remove(self) -> None:

@@ -1,4 +1,4 @@
-"""Whether what a training keeps fits into memory; asked before anything is compiled. No JAX here."""
+"""How much memory there is, and refusing what does not fit before anything is allocated."""
 
 import os
 from pathlib import Path
