@@ -18,10 +18,11 @@ from rich.console import Console
 
 from cellpilot.adapt import in_words, summary, verdict
 from cellpilot.cli.adapt import main as adapt
-from cellpilot.provenance import versions, write_atomically
+from cellpilot.provenance import versions
 from cellpilot.report.adaptation import draw_adapt
 from cellpilot.report.figures import save_figure
 from cellpilot.report.style import drawing_settings
+from cellpilot.storage import write_atomically
 
 HERE = Path(__file__).parent
 TOML = "benchmarks/adapt"
@@ -58,7 +59,7 @@ def main() -> None:
         with drawing_settings():
             save_figure(draw_adapt(data), options.out / f"adapt-{study}.svg")
         lines += section(f"({study}) {title}", shlex.join(["cellpilot", "adapt", *told, *same]), data)
-    write_atomically(options.out / "ADAPT.md", lambda path: path.write_text("\n".join(lines)))
+    write_atomically(options.out / "ADAPT.md", "\n".join(lines))
     Console(soft_wrap=True).print(f"written: {options.out / 'ADAPT.md'}")
 
 

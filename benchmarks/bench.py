@@ -49,7 +49,8 @@ def main() -> int:
     from rich.console import Console
 
     import report
-    from cellpilot.provenance import versions, write_atomically
+    from cellpilot.provenance import versions
+    from cellpilot.storage import write_atomically
 
     console = Console()
     began, loads = time.perf_counter(), [os.getloadavg()[0]]
@@ -96,8 +97,8 @@ def main() -> int:
     if arguments.out is None:
         console.print("a shortened run: nothing written (give --out to keep it)")
         return 0
-    write_atomically(arguments.out, lambda path: path.write_text(json.dumps(results, indent=2) + "\n"))
-    write_atomically(arguments.out.with_suffix(".md"), lambda path: path.write_text(report.markdown(results)))
+    write_atomically(arguments.out, json.dumps(results, indent=2) + "\n")
+    write_atomically(arguments.out.with_suffix(".md"), report.markdown(results))
     console.print(f"written: {arguments.out} and {arguments.out.with_suffix('.md').name}")
     return 0
 

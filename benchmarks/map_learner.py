@@ -20,8 +20,9 @@ from cellpilot.evaluate.deterministic import deterministic_figures, score
 from cellpilot.experiment import make_map, make_task
 from cellpilot.learn.algorithms.map_learner import MapLearner, MapLearnerSettings, learn_map
 from cellpilot.policies import GreedyPolicy, OptimalPolicy
-from cellpilot.provenance import versions, write_atomically
+from cellpilot.provenance import versions
 from cellpilot.scenario import find_scenario, load_scenario
+from cellpilot.storage import write_atomically
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -60,7 +61,7 @@ def main() -> None:
                 console.print(f"{name} seed {seed}: score {last['score']:.3f} after {last['flights']} flights")
     write(file, results, options.seeds)
     text = markdown(results)
-    write_atomically(options.out / f"MAP_LEARNER{suffix.upper()}.md", lambda path: path.write_text(text))
+    write_atomically(options.out / f"MAP_LEARNER{suffix.upper()}.md", text)
     console.print(text)
 
 
@@ -72,7 +73,7 @@ def write(file: Path, results: dict[str, Any], seeds: int) -> None:
         "machine": {"cpu": cpu_name(), "cores": usable_cores(), "system": platform.system()},
         "versions": versions(),
     }
-    write_atomically(file, lambda path: path.write_text(json.dumps(results, separators=(",", ":")) + "\n"))
+    write_atomically(file, json.dumps(results, separators=(",", ":")) + "\n")
 
 
 _YARDSTICKS: dict[str, tuple[World, Task, Any, Any]] = {}

@@ -59,7 +59,8 @@ def main() -> int:
         return 0
     from rich.console import Console
 
-    from cellpilot.provenance import versions, write_atomically
+    from cellpilot.provenance import versions
+    from cellpilot.storage import write_atomically
 
     console = Console(soft_wrap=True)
     wanted = [("time", *p) for p in _points(arguments.learners, arguments.sides, arguments.seeds)]
@@ -79,8 +80,8 @@ def main() -> int:
     text = markdown(results)
     console.print(text)
     if arguments.out:
-        write_atomically(arguments.out, lambda path: path.write_text(json.dumps(results, indent=2) + "\n"))
-        write_atomically(arguments.out.with_suffix(".md"), lambda path: path.write_text(text))
+        write_atomically(arguments.out, json.dumps(results, indent=2) + "\n")
+        write_atomically(arguments.out.with_suffix(".md"), text)
     return 0
 
 

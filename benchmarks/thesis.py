@@ -17,10 +17,11 @@ from rich.console import Console
 
 from cellpilot.cli.console import share_bar, training_bar
 from cellpilot.experiment import divergence_warning
-from cellpilot.provenance import versions, write_atomically
+from cellpilot.provenance import versions
 from cellpilot.report.thesis import PUBLISHED
-from cellpilot.runs import Run, evaluate_run, open_or_create_run, save_evaluation, train_run
+from cellpilot.runs import Run, evaluate_run, open_or_create_run, read_facts, save_evaluation, stale_parts, train_run
 from cellpilot.scenario import find_scenario, load_scenario
+from cellpilot.storage import write_atomically
 
 SCENARIOS = ("thesis-2d", "thesis-2d-noise", "thesis-3d")
 POLICIES = ("greedy", "optimal", "optimal-undiscounted", "learned/argmax", "learned/boltzmann-0.1")
@@ -47,7 +48,7 @@ def main() -> None:
         runs = [finished(name, seed, options.out, options.as_written) for seed in range(options.seeds)]
         lines += table(name, runs)
     suffix = "-as-written" if options.as_written else ""
-    write_atomically(options.out / f"results{suffix}.md", lambda path: path.write_text("\n".join(lines) + "\n"))
+    write_atomically(options.out / f"results{suffix}.md", "\n".join(lines) + "\n")
     Console().print(f"tables: {options.out / f'results{suffix}.md'}")
 
 
@@ -61,7 +62,7 @@ def finished(name: str, seed: int, out: Path, as_written: bool) -> Run:
         with training_bar(scenario.learner.episodes, "episodes", "temperature") as progress:
             if not train_run(run, progress).finished:
                 raise SystemExit(130)
-    if not (folder / "eval.nc").exists():
+    if stale_parts(run) != []:
         with share_bar(f"evaluate {folder.name}") as share:
             save_evaluation(run, evaluate_run(run, progress=share))
     return run
@@ -80,7 +81,7 @@ def table(name: str, runs: list[Run]) -> list[str]:
     lines += ["", "| seed | Boltzmann 0.1: reached [%] | below 3 dB [%] | p90 | arg max: reached [%] | training [s] | diverged |"]
     lines += ["|---" * 7 + "|"]
     for run, row in zip(runs, rows, strict=True):
-        facts = json.loads((run.folder / "run.json").read_text())
+        facts = read_facts(run.folder)
         parameters = run.parameters()
         assert parameters is not None
         diverged = "yes" if divergence_warning(parameters, run.world, run.task) else "no"
@@ -88,7 +89,7 @@ def table(name: str, runs: list[Run]) -> list[str]:
         ratio = "-" if soft["path_ratio_p90"] is None else f"{soft['path_ratio_p90']:.2f}"
         lines.append(
             f"| {run.seed} | {100 * soft['reached_share']:.2f} | {100 * soft['low_sinr_share']:.2f} | {ratio} | "
-            f"{100 * hard['reached_share']:.2f} | {facts['train_wall_s']:.0f} | {diverged} |"
+            f"{100 * hard['reached_share']:.2f} | {facts.train_wall_s:.0f} | {diverged} |"
         )
     return [*lines, ""]
 

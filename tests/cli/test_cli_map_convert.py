@@ -88,8 +88,8 @@ REFUSED = [
     (("map.nc", "new.csv", "--variable", "count"), ["new.csv", "variable", "GeoTIFF"]),
     (("map.nc", "new.tif", "--variable", "rsrp_dbm"), ["new.tif", "no rsrp_dbm"]),
     (("map.nc", "new.tif", "--variable", "x"), ["new.tif", "no x"]),
-    (("map.nc", "stated.tif/new.tif"), ["new.tif", "cannot write"]),
-    (("map.nc", "stated.tif/new.tif", "--variable", "count"), ["new.tif", "cannot write"]),
+    (("map.nc", "stated.tif/new.tif"), ["new.tif", "cannot be written"]),
+    (("map.nc", "stated.tif/new.tif", "--variable", "count"), ["new.tif", "cannot be written"]),
     (("map.nc",), ["Missing", "map to write"]),
 ]
 

@@ -12,7 +12,7 @@ import pytest
 from cli_tools import Cli, assert_refused, tree
 from safetensors.numpy import load_file
 
-from cellpilot.provenance import write_atomically
+from cellpilot.storage import LOCK, TEMPORARY
 
 WRAPPER = """
 import os, signal, sys
@@ -28,18 +28,21 @@ def reached(what):
     count += what == moment
     return what == moment and count == n
 
-save_state, save_file, run_chunk = trainer.save_state, checkpoint.save_file, trainer._append
+save_state, save_tensors, run_chunk = trainer.save_state, checkpoint.save_tensors, trainer._append
 
 def save_and_stop(*arguments):
     save_state(*arguments)
     if reached("after a checkpoint"):
         os.kill(os.getpid(), signal.SIGKILL)
 
-def half_save_and_stop(tensors, path, **keywords):
-    save_file(tensors, path, **keywords)
+def cut_and_stop(descriptor):
+    os.ftruncate(descriptor, 1000)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def half_save_and_stop(*arguments):
     if reached("while a checkpoint is written"):
-        os.truncate(path, 1000)
-        os.kill(os.getpid(), signal.SIGKILL)
+        os.fsync = cut_and_stop
+    save_tensors(*arguments)
 
 def append_and_stop(history, rows, n):
     if reached("between two checkpoints"):
@@ -48,7 +51,7 @@ def append_and_stop(history, rows, n):
         os.kill(os.getpid(), signal.SIGINT)
     return run_chunk(history, rows, n)
 
-trainer.save_state, checkpoint.save_file, trainer._append = save_and_stop, half_save_and_stop, append_and_stop
+trainer.save_state, checkpoint.save_tensors, trainer._append = save_and_stop, half_save_and_stop, append_and_stop
 sys.exit(main(sys.argv[3:]))
 """
 """Kills or interrupts its own process at the n-th occurrence of a moment, with a checkpoint after every 7 flights."""
@@ -111,22 +114,35 @@ def test_ctrl_c_says_how_to_resume_and_resumes_to_the_uninterrupted_result(train
 
 
 def test_a_leftover_of_a_kill_does_not_stop_force(place: Path, cli: Cli) -> None:
-    leftover: list[Path] = []
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(b"half")
-        leftover.append(temporary)
-
-    write_atomically(place / "run" / "state.safetensors", write)
-    leftover[0].write_bytes(b"half")  # as if the kill had come before the renaming
+    (place / "run" / f"{TEMPORARY}01234567-state.safetensors").write_bytes(b"half")
+    (place / "run" / LOCK).write_text("99999999\n")
     result = cli("train", "tiny.toml", "--out", "run", "--force", "--map.heights-m", "400")
     assert_refused(result, "400")
 
 
-def test_a_kill_before_the_scenario_is_written_leaves_a_folder_that_force_replaces(place: Path, cli: Cli) -> None:
-    (place / "run" / "scenario.toml").unlink()
-    assert "--force" in cli("train", "tiny.toml", "--out", "run").err
-    assert_refused(cli("train", "tiny.toml", "--out", "run", "--force", "--map.heights-m", "400"), "400")
+def test_what_a_kill_left_of_a_run_that_had_not_begun_counts_as_nothing(place: Path, cli: Cli) -> None:
+    few = ("--learner.episodes", "5", "--learner.replay-start", "100")
+    for left in ([], ["run.json"], ["run.json", "map.nc"]):
+        for path in (place / "run").iterdir():
+            if path.name not in left:
+                path.unlink()
+        (place / "run" / f"{TEMPORARY}01234567-map.nc").write_bytes(b"half")
+        assert cli("train", "tiny.toml", "--out", "run", *few).code == 0
+    # A map alone is somebody's map.
+    for path in (place / "run").iterdir():
+        if path.name != "map.nc":
+            path.unlink()
+    assert_refused(cli("train", "tiny.toml", "--out", "run"), "run is not empty")
+
+
+def test_force_leaves_a_persons_own_files_in_the_folders_of_a_run(trained: Path, cli: Cli) -> None:
+    for name in ("figures/mine.png", "figures/training.png", "tensorboard/notes.txt", "tensorboard/events.out"):
+        (trained / name).parent.mkdir(exist_ok=True)
+        (trained / name).write_text("x")
+    assert cli("train", "tiny.toml", "--out", "trained", "--force", "--learner.episodes", "5").code == 0
+    assert [p.name for p in sorted((trained / "figures").iterdir())] == ["mine.png"]
+    assert (trained / "tensorboard" / "notes.txt").is_file()
+    assert not (trained / "tensorboard" / "events.out").exists()
 
 
 def test_resuming_a_finished_training_changes_no_result(trained: Path, place: Path, cli: Cli) -> None:

@@ -155,7 +155,7 @@ def test_the_lock_of_a_killed_process_is_taken_over(tmp_path: Path) -> None:
 
 def test_a_file_in_the_place_of_the_folder_is_said(tmp_path: Path) -> None:
     (tmp_path / "r").write_text("x")
-    with pytest.raises(InputError, match="a file; expected a folder"), hold(tmp_path / "r"):
+    with pytest.raises(InputError, match="a file; choose an empty folder"), hold(tmp_path / "r"):
         pass
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     with pytest.raises(InputError, match="loop: cannot be worked in"), hold(tmp_path / "loop"):
@@ -211,12 +211,12 @@ def test_an_attribute_that_netcdf_cannot_hold_is_named(tmp_path: Path, value: ob
 
 def test_tensors_come_back_equal_and_every_change_is_noticed(tmp_path: Path) -> None:
     path = tmp_path / "t.safetensors"
-    tensors = {"b": np.arange(6, dtype=np.float32).reshape(2, 3), "a": np.array([7], np.int32)}
+    tensors = {"b": np.arange(6, dtype=np.float32).reshape(2, 3), "a": np.array(7, np.int32)}
     save_tensors(path, tensors, "kind-1", {"sides": (3, 3, 1), "x": 0.1})
     found, header = load_tensors(path, "kind-1", {"sides", "x"}, "make it again")
     assert (header["sides"], header["x"]) == ([3, 3, 1], 0.1)
     for name, value in tensors.items():
-        np.testing.assert_array_equal(found[name], value)
+        np.testing.assert_array_equal(found[name], value, strict=True)
     whole = path.read_bytes()
     accepted, messages = list[int](), list[str]()
     for position in range(len(whole)):

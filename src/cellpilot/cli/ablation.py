@@ -10,6 +10,7 @@ from cellpilot.cli.console import err, out, share_bar
 from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse_scenario
 from cellpilot.runs import open_or_create_run
+from cellpilot.storage import hold
 from cellpilot.studies import EARLY_EPISODES, ablation, check_ablation, early_return
 
 
@@ -26,20 +27,21 @@ def main(arguments: Sequence[str]) -> int:
     check_ablation(scenario)
     use_all_cores(options.seeds)
     folder = options.out or Path("runs") / f"{scenario.name}-ablation"
-    run = open_or_create_run(folder, scenario, command_line(), n_seeds=options.seeds)
-    with share_bar("ablation") as progress:
-        dataset = ablation(run, options.seeds, progress)
-    if dataset is None:
-        err.print("stopped; call the same command again to go on")
-        return 130
-    n_episodes = min(EARLY_EPISODES, dataset.sizes["episode"])
-    table = Table(title=f"mean return over the first {n_episodes} episodes, {options.seeds} seeds")
-    for column in ("variant", "mean", "standard deviation"):
-        table.add_column(column, justify="left" if column == "variant" else "right")
-    for variant, (mean, spread) in early_return(dataset).items():
-        table.add_row(variant, f"{mean:.2f}", f"{spread:.2f}")
-    out.print(table)
-    from cellpilot.report.figures import draw_study
+    with hold(folder):
+        run = open_or_create_run(folder, scenario, command_line(), n_seeds=options.seeds)
+        with share_bar("ablation") as progress:
+            dataset = ablation(run, options.seeds, progress)
+        if dataset is None:
+            err.print("stopped; call the same command again to go on")
+            return 130
+        n_episodes = min(EARLY_EPISODES, dataset.sizes["episode"])
+        table = Table(title=f"mean return over the first {n_episodes} episodes, {options.seeds} seeds")
+        for column in ("variant", "mean", "standard deviation"):
+            table.add_column(column, justify="left" if column == "variant" else "right")
+        for variant, (mean, spread) in early_return(dataset).items():
+            table.add_row(variant, f"{mean:.2f}", f"{spread:.2f}")
+        out.print(table)
+        from cellpilot.report.figures import draw_study
 
-    out.print(f"picture: {draw_study(run.folder, 'ablation')}")
+        out.print(f"picture: {draw_study(run.folder, 'ablation')}")
     return 0

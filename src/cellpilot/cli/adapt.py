@@ -19,7 +19,7 @@ from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.maps import grid_of, save_map
 from cellpilot.provenance import versions
 from cellpilot.scenario import RewardSettings, Scenario, Settings
-from cellpilot.storage import save_netcdf
+from cellpilot.storage import hold, save_netcdf
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -55,17 +55,18 @@ def main(arguments: Sequence[str]) -> int:
     transfer = make_transfer(map_a, map_b, make_task(options.task, grid_of(map_b)), noise_std_db, deep)
     warn(threshold_warning(transfer.truth, options.task.threshold_db))
     folder = options.out or Path("runs") / f"adapt-{Path(options.a).stem}-{Path(options.b).stem}"
-    with share_bar("adapt") as progress:
-        data = adapt(transfer, options.flights, options.seeds, options.arms, progress, folder / "adapt")
-    title = f"{Path(options.a).stem} to {Path(options.b).stem}"
-    data.attrs |= {"title": title, "command": command_line(), "versions": json.dumps(versions())}
-    save_map(map_a, folder / "map-a.nc")
-    save_map(map_b, folder / "map-b.nc")
-    save_netcdf(data, folder / "adapt.nc")
-    _show(data, title)
-    from cellpilot.report.figures import draw_study
+    with hold(folder):
+        with share_bar("adapt") as progress:
+            data = adapt(transfer, options.flights, options.seeds, options.arms, progress, folder / "adapt")
+        title = f"{Path(options.a).stem} to {Path(options.b).stem}"
+        data.attrs |= {"title": title, "command": command_line(), "versions": json.dumps(versions())}
+        save_map(map_a, folder / "map-a.nc")
+        save_map(map_b, folder / "map-b.nc")
+        save_netcdf(data, folder / "adapt.nc")
+        _show(data, title)
+        from cellpilot.report.figures import draw_study
 
-    out.print(f"picture: {draw_study(folder, 'adapt')}")
+        out.print(f"picture: {draw_study(folder, 'adapt')}")
     return 0
 
 

@@ -10,9 +10,10 @@ import tyro
 from pydantic import Field
 
 from cellpilot.cli.console import out, share_bar, warn
-from cellpilot.cli.options import command_line, parse
+from cellpilot.cli.options import parse
+from cellpilot.errors import WriteError
 from cellpilot.experiment import divergence_warning, threshold_warning
-from cellpilot.runs import evaluate_run, open_run_or_shipped, payload, save_evaluation
+from cellpilot.runs import evaluate_run, open_run_or_shipped, origin_warning, payload, save_evaluation
 from cellpilot.scenario import Settings
 from cellpilot.world import World
 
@@ -30,7 +31,7 @@ class EvaluateOptions(Settings):
 def main(arguments: Sequence[str]) -> int:
     """Verb `evaluate`."""
     options = parse(EvaluateOptions, arguments, "cellpilot evaluate", "Compare baseline, optimum and learned policy.")
-    run = open_run_or_shipped(options.run, command_line())
+    run = open_run_or_shipped(options.run)
     radio_map = None
     if options.map is not None:
         from cellpilot.maps import load_map
@@ -39,11 +40,11 @@ def main(arguments: Sequence[str]) -> int:
     world = run.world if radio_map is None else World.from_map(radio_map, run.world.noise_std_db)
     warn(threshold_warning(world, run.task.threshold_db))
     parameters = run.parameters()
-    warn(divergence_warning(parameters, run.world, run.task) if parameters else None)
+    if parameters is not None:
+        warn(origin_warning(parameters, run.radio_map, run.task, run.seed))
+        warn(divergence_warning(parameters, run.world, run.task))
     with share_bar("evaluate") as progress:
         evaluation = evaluate_run(run, radio_map, progress)
-    if radio_map is None:
-        save_evaluation(run, evaluation)
     if options.as_json:
         sys.stdout.write(json.dumps(payload(run, evaluation), indent=2) + "\n")
     else:
@@ -52,4 +53,10 @@ def main(arguments: Sequence[str]) -> int:
         found = payload(run, evaluation)
         out.print(text_table(found))
         out.print(mobility_table(found))
+    # Printed first: numbers that cannot be saved are not lost.
+    if radio_map is None and run.saved:
+        try:
+            save_evaluation(run, evaluation)
+        except WriteError as error:
+            warn(f"the evaluation was not saved: {error}")
     return 0

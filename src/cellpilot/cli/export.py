@@ -7,12 +7,13 @@ import tyro
 from pydantic import Field
 
 from cellpilot.cli.console import out
-from cellpilot.cli.options import parse
+from cellpilot.cli.options import parse, refuse_overwriting
 from cellpilot.errors import InputError
 from cellpilot.experiment import shipped_policy
 from cellpilot.policies import PolicyParameters, load_parameters
 from cellpilot.policies.onnx_file import save_onnx
 from cellpilot.runs import open_run
+from cellpilot.runs.files import FILES
 from cellpilot.scenario import SHIPPED, Settings, find_scenario
 
 
@@ -30,11 +31,20 @@ def main(arguments: Sequence[str]) -> int:
         raise InputError("--onnx is missing; give the file to write, for example --onnx policy.onnx")
     if options.onnx.is_dir():
         raise InputError(f"--onnx {options.onnx}: a folder; expected the file to write, for example {options.onnx}/policy.onnx")
+    _refuse_own_files(options.source, options.onnx)
     parameters = _parameters(options.source)
     save_onnx(parameters, options.onnx)
     sides = " x ".join(map(str, parameters.sides))
     out.print(f"{options.onnx}: {parameters.architecture} policy of {sides} cells, {options.onnx.stat().st_size / 1e3:.0f} kB")
     return 0
+
+
+def _refuse_own_files(source: str, out: Path) -> None:
+    """`InputError` if the output would take the place of what is exported, or of another file of its run."""
+    path = Path(source)
+    refuse_overwriting(out, [path], "--onnx")
+    if path.is_dir() and out.parent.resolve() == path.resolve() and out.name in FILES:
+        raise InputError(f"--onnx {out}: a file of the run, which would be overwritten; choose another name")
 
 
 def _parameters(source: str) -> PolicyParameters:

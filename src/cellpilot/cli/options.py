@@ -173,8 +173,8 @@ def refuse_idle(options: Settings, names: Sequence[str], why: str, section: str 
             raise InputError(f"--{section}{name.replace('_', '-')} {why}: leave it out")
 
 
-def refuse_overwriting(out: Path, inputs: Iterable[Path | None]) -> None:
+def refuse_overwriting(out: Path, inputs: Iterable[Path | None], flag: str = "--out") -> None:
     """`InputError` if the output is one of the files that are read."""
     for path in inputs:
         if path is not None and path.resolve() == out.resolve():
-            raise InputError(f"{out}: is read and would be overwritten; choose another file with --out")
+            raise InputError(f"{out}: is read and would be overwritten; choose another file with {flag}")

@@ -1,6 +1,8 @@
 """`cellpilot run SCENARIO`: map, training, evaluation and report in one."""
 
+import shlex
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from statistics import mean, stdev
 from typing import TYPE_CHECKING
@@ -11,11 +13,12 @@ from rich.table import Table
 from cellpilot.cli.console import err, out, share_bar, training_bar, warn
 from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse, parse_scenario
-from cellpilot.errors import InputError
+from cellpilot.errors import InputError, WriteError
 from cellpilot.experiment import divergence_warning, make_learner, threshold_warning
 from cellpilot.runs import Run, create_run, evaluate_run, is_occupied, open_run, payload, save_evaluation, train_runs
 from cellpilot.scalars import ask_for_log, log_evaluation, logged_progress, require_writer
 from cellpilot.scenario import EvaluationSettings, Paths, Settings
+from cellpilot.storage import hold
 
 if TYPE_CHECKING:
     from cellpilot.learn.trainer import TrainingProgress, TrainingResult
@@ -41,9 +44,15 @@ class ResumeOptions(Settings):
 
 def main(arguments: Sequence[str]) -> int:
     """Verb `run`."""
-    runs = prepare(arguments, "run", "Make the map, train, evaluate and write the report.")
-    if train_with_bar(runs) is None:
-        return 130
+    with ExitStack() as held:
+        runs = prepare(arguments, "run", "Make the map, train, evaluate and write the report.", held)
+        if train_with_bar(runs) is None:
+            return 130
+        _evaluate_and_report(runs)
+    return 0
+
+
+def _evaluate_and_report(runs: Sequence[Run]) -> None:
     from cellpilot.report import write_report
     from cellpilot.report.tables import text_table
 
@@ -60,16 +69,18 @@ def main(arguments: Sequence[str]) -> int:
         out.print(f"report: {report}")
     if len(runs) > 1:
         out.print(policies_over_seeds(figures))
-    return 0
 
 
-def prepare(arguments: Sequence[str], verb: str, description: str) -> list[Run]:
-    """The runs to train, one per seed: new folders, or those named by `--resume`."""
+def prepare(arguments: Sequence[str], verb: str, description: str, held: ExitStack) -> list[Run]:
+    """The runs to train, one per seed: new folders, or those named by `--resume`; all are held until `held` ends."""
     if any(argument.startswith("--resume") for argument in arguments):
         resumed = parse(ResumeOptions, arguments, f"cellpilot {verb}", description)
         if not resumed.resume:
             raise InputError("--resume: expected the folder of a run, found none")
         use_all_cores(len(resumed.resume))
+        for folder in resumed.resume:
+            if folder.is_dir():
+                held.enter_context(hold(folder))
         return _logged([open_run(folder) for folder in resumed.resume], resumed.tensorboard)
     description += f" To go on with an interrupted run: cellpilot {verb} --resume RUN ..."
     options, scenario = parse_scenario(RunOptions, arguments, verb, description)
@@ -82,7 +93,8 @@ def prepare(arguments: Sequence[str], verb: str, description: str) -> list[Run]:
     base = options.out or Path("runs") / scenario.name
     alone = options.out is not None and options.seeds == 1
     new = [base if alone else base.with_name(f"{base.name}-seed{seed}") for seed in seeds]
-    for folder in new[1:]:
+    for folder in new:
+        held.enter_context(hold(folder))
         is_occupied(folder, options.force)
     runs = [create_run(new[i], scenario, seed, command_line(), options.force, len(seeds)) for i, seed in enumerate(seeds)]
     warn(threshold_warning(runs[0].world, runs[0].task.threshold_db))
@@ -108,12 +120,13 @@ def train_with_bar(runs: Sequence[Run]) -> "list[TrainingResult] | None":
                 log(progress)
 
             results = train_runs(runs, both)
+    except WriteError as error:
+        raise WriteError(f"{error}; then go on with --resume {_folders(runs)}") from None
     except ImportError as error:
         raise InputError(f"training needs JAX, which cannot be imported ({error}); see cellpilot doctor") from error
     if not all(result.finished for result in results):
         n_rounds = min(len(result.history["reached"]) for result in results)
-        folders = " ".join(str(run.folder) for run in runs)
-        err.print(f"stopped after {n_rounds} {learner.counts}; go on with --resume {folders}")
+        err.print(f"stopped after {n_rounds} {learner.counts}; go on with --resume {_folders(runs)}")
         return None
     for run, result in zip(runs, results, strict=True):
         parameters = run.parameters()
@@ -123,6 +136,11 @@ def train_with_bar(runs: Sequence[Run]) -> "list[TrainingResult] | None":
         seconds = f"{result.train_wall_s:.0f} s (compilation {result.compile_s:.0f} s{together})"
         err.print(f"trained in {seconds}: {run.policy_file}")
     return results
+
+
+def _folders(runs: Sequence[Run]) -> str:
+    """The folders as they are written on a command line."""
+    return shlex.join(str(run.folder) for run in runs)
 
 
 def policies_over_seeds(figures: Sequence[dict[str, dict[str, float | None]]]) -> Table:

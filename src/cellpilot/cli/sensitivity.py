@@ -9,6 +9,7 @@ from rich.table import Table
 from cellpilot.cli.console import err, out, share_bar
 from cellpilot.cli.options import ScenarioOptions, command_line, parse_scenario
 from cellpilot.runs import open_or_create_run
+from cellpilot.storage import hold
 from cellpilot.studies import sensitivity
 
 HEADINGS = {
@@ -33,21 +34,22 @@ def main(arguments: Sequence[str]) -> int:
     """Verb `sensitivity`."""
     options, scenario = parse_scenario(SensitivityOptions, arguments, "sensitivity", "Vary the reward parameters one at a time.")
     folder = options.out or Path("runs") / f"{scenario.name}-sensitivity"
-    run = open_or_create_run(folder, scenario, command_line(), options.seed)
-    with share_bar("sensitivity") as progress:
-        dataset = sensitivity(run, options.learned, progress)
-    if dataset is None:
-        err.print("stopped; call the same command again to go on")
-        return 130
-    table = Table(title="exact figures over all pairs")
-    names = list(dataset.data_vars)
-    for column in names:
-        table.add_column(HEADINGS.get(str(column), str(column)), justify="right", no_wrap=True)
-    for point in range(dataset.sizes["point"]):
-        values = [dataset[column].values[point] for column in names]
-        table.add_row(*(v if isinstance(v, str) else f"{v:.4g}" for v in values))
-    out.print(table)
-    from cellpilot.report.figures import draw_study
+    with hold(folder):
+        run = open_or_create_run(folder, scenario, command_line(), options.seed)
+        with share_bar("sensitivity") as progress:
+            dataset = sensitivity(run, options.learned, progress)
+        if dataset is None:
+            err.print("stopped; call the same command again to go on")
+            return 130
+        table = Table(title="exact figures over all pairs")
+        names = list(dataset.data_vars)
+        for column in names:
+            table.add_column(HEADINGS.get(str(column), str(column)), justify="right", no_wrap=True)
+        for point in range(dataset.sizes["point"]):
+            values = [dataset[column].values[point] for column in names]
+            table.add_row(*(v if isinstance(v, str) else f"{v:.4g}" for v in values))
+        out.print(table)
+        from cellpilot.report.figures import draw_study
 
-    out.print(f"picture: {draw_study(run.folder, 'sensitivity')}")
+        out.print(f"picture: {draw_study(run.folder, 'sensitivity')}")
     return 0

@@ -11,7 +11,8 @@ import xarray as xr
 from cellpilot.errors import InputError
 from cellpilot.maps import RadioMap, load_map
 from cellpilot.policies import LearnedPolicy, OptimalPolicy, PolicyParameters, load_parameters
-from cellpilot.storage import load_netcdf, read_json
+from cellpilot.runs import RunFacts, map_digest, policy_digest, read_facts
+from cellpilot.storage import load_netcdf, parse_json
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -29,7 +30,7 @@ class Content:
     training: xr.Dataset | None  # [episode]
     ablation: xr.Dataset | None  # [variant, seed, episode]
     sensitivity: xr.Dataset | None  # [point]
-    about: dict[str, Any]  # run.json
+    facts: RunFacts | None  # run.json
 
     @property
     def scenario(self) -> str:
@@ -68,18 +69,31 @@ def load_content(folder: Path) -> Content:
         raise InputError(f"{folder / 'eval.nc'}: attribute missing or unreadable ({error}); evaluate the run again") from error
     radio_map = load_map(folder / "map.nc")
     policy = folder / "policy.safetensors"
+    parameters = load_parameters(policy) if policy.exists() else None
+    _check_origin(folder, flights, radio_map, parameters)
     return Content(
         radio_map=radio_map,
         world=World.from_map(radio_map, noise_std_db),
         task=task,
         metrics=metrics,
         flights=flights,
-        parameters=load_parameters(policy) if policy.exists() else None,
+        parameters=parameters,
         training=_dataset(folder / "train.nc"),
         ablation=_dataset(folder / "ablation.nc"),
         sensitivity=_dataset(folder / "sensitivity.nc"),
-        about=read_json(folder / "run.json", "restore or delete it") if (folder / "run.json").exists() else {},
+        facts=read_facts(folder) if (folder / "run.json").exists() else None,
     )
+
+
+def _check_origin(folder: Path, flights: xr.Dataset, radio_map: RadioMap, parameters: PolicyParameters | None) -> None:
+    """`InputError` if the evaluation says that it is of another map or policy than those beside it."""
+    if "made_from" not in flights.attrs:
+        return
+    stated = parse_json(str(flights.attrs["made_from"]), f"{folder / 'eval.nc'}, attribute made_from", "evaluate the run again")
+    here = {"policy": policy_digest(parameters), "map": map_digest(radio_map)}
+    other = [name for name, mark in here.items() if stated.get(name) != mark]
+    if other:
+        raise InputError(f"{folder / 'eval.nc'}: was made with another {' and another '.join(other)}; evaluate the run again")
 
 
 def _dataset(path: Path) -> xr.Dataset | None:

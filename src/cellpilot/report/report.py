@@ -11,6 +11,7 @@ from cellpilot.report.figures import draw_figures
 from cellpilot.report.numbers import count
 from cellpilot.report.thesis import PUBLISHED_IN
 from cellpilot.report.words import summary_paragraphs
+from cellpilot.runs import RunFacts
 from cellpilot.storage import write_atomically
 
 
@@ -69,27 +70,33 @@ def _basis(run: Content, n_flights: str) -> str:
 
 def provenance(run: Content) -> dict[str, str]:
     """Where the numbers come from: map, task, training, seed, versions and command, as far as the folder tells."""
-    about, attrs = run.about, run.radio_map.attrs
+    about, attrs = run.facts, run.radio_map.attrs
     training = run.training.attrs if run.training is not None else {}
-    command = about.get("command")
     facts: dict[str, Any] = {
         "map": ", ".join(str(attrs[name]) for name in ("source", "model") if attrs.get(name)),
         "licence of the map": attrs.get("licence"),
         "seed of the map": attrs.get("seed"),
         "task": ", ".join(f"{name} = {value:g}" for name, value in asdict(run.task).items()),
         "noise_std_db": f"{run.world.noise_std_db:g}",
-        "seed": about.get("seed", training.get("seed")),
+        "seed": training.get("seed") if about is None else about.seed,
         "learner": training.get("algorithm"),
         "exploration": training.get("exploration"),
-        "training time, without compilation": _seconds(about.get("train_wall_s")),
-        "compilation": _seconds(about.get("compile_s")),
-        "updates": count(about["updates"]) if "updates" in about else None,
-        "environment steps": count(about["env_steps"]) if "env_steps" in about else None,
-        "command": " ".join(map(str, command)) if isinstance(command, list) else command,
-        "versions": _versions(about.get("versions")),
+        **({} if about is None else _of_training(about)),
+        "digests of what was evaluated": _versions(run.flights.attrs.get("made_from")),
         "versions that made the map": _versions(attrs.get("provenance")),
     }
     return {name: str(fact) for name, fact in facts.items() if fact not in (None, "")}
+
+
+def _of_training(about: RunFacts) -> dict[str, Any]:
+    return {
+        "training time, without compilation": _seconds(about.train_wall_s),
+        "compilation": _seconds(about.compile_s),
+        "updates": None if about.updates is None else count(about.updates),
+        "environment steps": None if about.env_steps is None else count(about.env_steps),
+        "command": about.command,
+        "versions": _versions(about.versions),
+    }
 
 
 def _seconds(value: float | None) -> str | None:

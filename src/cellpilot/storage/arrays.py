@@ -25,4 +25,4 @@ def load_array(path: Path) -> np.ndarray:
     except (ValueError, OSError, EOFError) as error:
         if isinstance(error, InputError):
             raise
-    raise InputError(f"{path}: not readable as a saved curve; delete it, and it is made again")
+    raise InputError(f"{path}: damaged, or no curve that cellpilot has saved; delete it, and it is made again")

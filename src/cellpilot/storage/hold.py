@@ -19,7 +19,7 @@ def hold(folder: Path) -> Iterator[None]:
     `InputError` names the process that has the folder. A lock that a kill left behind is taken over.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: a file; expected a folder, or a name that is still free")
+        raise InputError(f"{folder}: a file; choose an empty folder or a free name")
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

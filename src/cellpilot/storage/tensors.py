@@ -17,7 +17,7 @@ from cellpilot.storage.texts import parse_json
 
 def save_tensors(path: Path, tensors: Mapping[str, np.ndarray], kind: str, header: Mapping[str, Any]) -> None:
     """Write tensors and header; `kind` names the format. `WriteError` if the file cannot be written."""
-    whole = {name: np.ascontiguousarray(value) for name, value in tensors.items()}
+    whole = {name: np.asarray(value, order="C") for name, value in tensors.items()}
     # One entry: safetensors writes several in any order, and equal trainings shall give equal files.
     metadata = {kind: json.dumps({**header, "digest": _digest(whole, header)})}
     write_atomically(path, save(whole, metadata=metadata))
@@ -53,7 +53,7 @@ def _digest(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> str
     about = {name: value for name, value in header.items() if name != "digest"}
     sha = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
     for name in sorted(tensors):
-        array = np.ascontiguousarray(tensors[name])
+        array = np.asarray(tensors[name], order="C")
         sha.update(f"{name} {array.dtype.str} {array.shape}".encode())
         sha.update(array.tobytes())
     return sha.hexdigest()
