@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test test-raytrace check bench clean
+.PHONY: demo test test-raytrace check package bench clean
 
 demo: .venv/installed  ## map, 30,000 training flights, evaluation and report of the thesis's first scenario
 	$(BIN)/cellpilot run thesis-2d --out runs/demo --force
@@ -18,6 +18,9 @@ check: .venv/installed-dev  ## style, types, architecture
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+package:  ## sdist -> wheel -> a fresh environment elsewhere, and two commands there
+	PYTHON=$(PYTHON) .ci/package
 
 bench: .venv/installed-bench  ## speed beside Stable-Baselines3 and eager PyTorch
 	$(BIN)/python benchmarks/bench.py
