@@ -105,6 +105,20 @@ def test_a_link_under_the_temporary_name_is_not_followed(tmp_path: Path) -> None
     assert not (tmp_path / "z.csv").is_symlink()
 
 
+def test_a_temporary_name_that_somebody_has_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = iter(["aaaaaaaa", "bbbbbbbb"])
+    monkeypatch.setattr("secrets.token_hex", lambda n: next(drawn))
+    theirs = tmp_path / f"{TEMPORARY}aaaaaaaa-f.txt"
+    with theirs.open("w") as held:
+        import fcntl
+
+        fcntl.flock(held, fcntl.LOCK_EX)
+        theirs.write_text("theirs")
+        write_atomically(tmp_path / "f.txt", "ours")
+    assert theirs.read_text() == "theirs"
+    assert (tmp_path / "f.txt").read_text() == "ours"
+
+
 @pytest.mark.parametrize(("umask", "mode"), [(0o077, 0o600), (0o022, 0o644), (0o002, 0o664)])
 def test_permissions_are_those_of_the_umask(tmp_path: Path, umask: int, mode: int) -> None:
     before = os.umask(umask)
@@ -228,6 +242,16 @@ def test_tensors_come_back_equal_and_every_change_is_noticed(tmp_path: Path) -> 
             messages.append(str(error))
     assert accepted == []
     assert all(message.endswith("make it again") for message in messages)
+
+
+def test_a_tensor_of_another_shape_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "t.safetensors"
+    save_tensors(path, {"w": np.arange(6.0).reshape(2, 3)}, "kind-1", {})
+    whole = path.read_bytes()
+    assert whole.count(b"[2,3]") == 1
+    path.write_bytes(whole.replace(b"[2,3]", b"[3,2]"))
+    with pytest.raises(InputError, match="checksum"):
+        load_tensors(path, "kind-1", set(), "make it again")
 
 
 def test_equal_tensors_make_equal_files(tmp_path: Path) -> None:

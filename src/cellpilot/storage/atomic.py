@@ -72,7 +72,10 @@ def _create_beside(path: Path) -> tuple[int, Path]:
     """A new, locked file of a name that nobody else has."""
     while True:
         temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{path.name}")
-        descriptor = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL | NO_FOLLOW, 0o666)
+        try:
+            descriptor = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL | NO_FOLLOW, 0o666)
+        except FileExistsError:
+            continue
         # Between these two lines another writer may have taken it for a leftover.
         if lock(descriptor) and temporary.exists():
             return descriptor, temporary
