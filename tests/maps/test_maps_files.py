@@ -82,17 +82,16 @@ def test_attributes_may_be_arrays(small_map: RadioMap, tmp_path: Path, suffix: s
     back = load_map(tmp_path / f"map{suffix}").attrs
     assert list(back["bands"]) == [1.5, 2.0]
     assert (back["n"], back["few"], back["anchor_longitude_deg"]) == (3, 0.5, 7.0)
-    if suffix in (".csv", ".tif"):
-        with pytest.raises(InputError, match=rf"odd\{suffix}: an attribute of the map is of type object; expected text, numbers"):
-            save_map(odd.assign_attrs(note=object()), tmp_path / f"odd{suffix}")
-        assert not (tmp_path / f"odd{suffix}").exists()
+    with pytest.raises(InputError, match=r"the attribute note is <object.*>; expected text, a number"):
+        save_map(odd.assign_attrs(note=object()), tmp_path / f"odd{suffix}")
+    assert not (tmp_path / f"odd{suffix}").exists()
 
 
 def test_a_failed_write_leaves_the_old_map_and_nothing_else(small_map: RadioMap, tmp_path: Path) -> None:
     save_map(small_map, tmp_path / "new" / "map.nc")
     with pytest.raises(InputError, match="no variable 'count'"):
         save_map(small_map.drop_vars("count"), tmp_path / "new" / "map.nc")
-    with pytest.raises(TypeError):
+    with pytest.raises(InputError, match="the attribute note is <object"):
         save_map(small_map.assign_attrs(note=object()), tmp_path / "new" / "map.nc")
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["map.nc"]
     assert load_map(tmp_path / "new" / "map.nc").identical(small_map)
@@ -100,7 +99,7 @@ def test_a_failed_write_leaves_the_old_map_and_nothing_else(small_map: RadioMap,
 
 def test_a_place_that_cannot_be_written_is_named(small_map: RadioMap, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"map\.nc: cannot write the map"):
+    with pytest.raises(InputError, match=r"map\.nc: cannot be written"):
         save_map(small_map, tmp_path / "file" / "map.nc")
 
 

@@ -81,7 +81,7 @@ def with_values(name: str, value: float) -> object:
         ),
         (with_values("sinr_db", np.inf), "sinr_db has 24 infinite value(s)"),
         (with_values("sinr_db", 1e60), "sinr_db holds values that are not float32"),
-        (with_values("sinr_std_db", -1), "sinr_std_db is negative"),
+        (with_values("sinr_std_db", -1), "sinr_std_db holds -1"),
         (with_values("sinr_std_db", np.nan), "sinr_std_db is negative or NaN"),
         (with_values("count", -1), "count is negative"),
         (with_values("count", 0.5), "count holds values that are not int32"),
@@ -97,7 +97,10 @@ def with_values(name: str, value: float) -> object:
         (lambda d: d.assign_attrs(unknown="perhaps"), "unknown = 'perhaps'"),
         (lambda d: d.assign_attrs(anchor_latitude_deg=3.0), "only one of anchor_latitude_deg"),
         (lambda d: d.assign_attrs(anchor_latitude_deg=300.0, anchor_longitude_deg=3.0), "latitude is 300"),
-        (lambda d: d.assign_attrs(anchor_latitude_deg="n", anchor_longitude_deg=3.0), "could not convert"),
+        (
+            lambda d: d.assign_attrs(anchor_latitude_deg="n", anchor_longitude_deg=3.0),
+            "anchor_latitude_deg is 'n'",
+        ),
     ],
 )
 def test_a_wrong_map_is_refused_by_name(small_map: RadioMap, change: object, message: str) -> None:

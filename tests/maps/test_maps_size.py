@@ -8,5 +8,5 @@ from cellpilot.radio import hexagonal_deployment
 
 
 def test_a_map_of_too_many_cells_is_refused() -> None:
-    with pytest.raises(InputError, match="40000 x 40000 x 1 cells"):
+    with pytest.raises(InputError, match="1,600,000,000 cells; at most 10,000,000"):
         simulate_map(hexagonal_deployment(), bin_m=0.01)

@@ -15,6 +15,7 @@ from cellpilot.policies.onnx_file import save_onnx
 from cellpilot.runs import open_run
 from cellpilot.runs.files import FILES
 from cellpilot.scenario import SHIPPED, Settings, find_scenario
+from cellpilot.storage import resolved
 
 
 class ExportOptions(Settings):
@@ -43,7 +44,7 @@ def _refuse_own_files(source: str, out: Path) -> None:
     """`InputError` if the output would take the place of what is exported, or of another file of its run."""
     path = Path(source)
     refuse_overwriting(out, [path], "--onnx")
-    if path.is_dir() and out.parent.resolve() == path.resolve() and out.name in FILES:
+    if path.is_dir() and resolved(out.parent) == resolved(path) and out.name in FILES:
         raise InputError(f"--onnx {out}: a file of the run, which would be overwritten; choose another name")
 
 

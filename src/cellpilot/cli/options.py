@@ -28,6 +28,7 @@ from cellpilot.scenario import (
     find_scenario,
     load_scenario,
 )
+from cellpilot.storage import resolved
 
 Options = TypeVar("Options", bound=BaseModel)
 HELP = ("-h", "--help")
@@ -176,5 +177,5 @@ def refuse_idle(options: Settings, names: Sequence[str], why: str, section: str 
 def refuse_overwriting(out: Path, inputs: Iterable[Path | None], flag: str = "--out") -> None:
     """`InputError` if the output is one of the files that are read."""
     for path in inputs:
-        if path is not None and path.resolve() == out.resolve():
+        if path is not None and resolved(path) == resolved(out):
             raise InputError(f"{out}: is read and would be overwritten; choose another file with {flag}")

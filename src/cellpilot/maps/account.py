@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from datetime import date
 from typing import Any
 
 from cellpilot.errors import InputError
@@ -113,4 +114,18 @@ def account_of(dataset: RadioMap) -> ImportAccount:
     """The account stored with an imported map; `InputError` for a map that was not imported from logs."""
     if ATTRIBUTE not in dataset.attrs:
         raise InputError(f"the map has no attribute {ATTRIBUTE!r}: only maps imported from logs keep an account")
-    return ImportAccount.from_json(dataset.attrs[ATTRIBUTE])
+    return parsed_account(dataset.attrs[ATTRIBUTE], "the map")
+
+
+def parsed_account(text: str, where: str) -> ImportAccount:
+    """The account in an attribute; `InputError` if it is none."""
+    try:
+        account = ImportAccount.from_json(text)
+        account.lines()  # uses every entry, and so finds one of another kind
+        if account.days is not None:
+            date.fromisoformat(account.days[1])
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, ZeroDivisionError) as error:
+        raise InputError(
+            f"{where}: the attribute {ATTRIBUTE} is no account of an import ({error!r:.80}); import the logs again, or remove it"
+        ) from None
+    return account

@@ -39,12 +39,7 @@ def save_map(dataset: RadioMap, path: str | Path, *, variable: str | None = None
     if variable is not None:
         _check_raster(path, "one variable alone")
         write = partial(write, variable=variable)
-    try:
-        write(validate(dataset), path)
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot write the map ({error.strerror or error}): choose another folder or file name"
-        ) from None
+    write(validate(dataset), path)
 
 
 def load_map(path: str | Path, *, heights_m: tuple[float, ...] | None = None) -> RadioMap:
@@ -64,13 +59,19 @@ def load_map(path: str | Path, *, heights_m: tuple[float, ...] | None = None) ->
     return read(path)
 
 
+def has_checksum(path: str | Path) -> bool:
+    """Whether the file of a map holds a checksum, with which `load_map` compares what it reads."""
+    found: bool = _module(Path(path)).has_checksum(Path(path))
+    return found
+
+
 def _check_raster(path: Path, option: str) -> None:
     if FORMATS[path.suffix.lower()].module != "geotiff":
         raise InputError(f"{path}: {option} can be asked of GeoTIFF only: leave it out, or name a .tif")
 
 
 def _module(path: Path) -> ModuleType:
-    """A module of `formats/`, with `read(path)` and `write(map, path)`."""
+    """A module of `formats/`, with `read(path)`, `write(map, path)` and `has_checksum(path)`."""
     found = FORMATS.get(path.suffix.lower())
     if found is None:
         known = ", ".join(f"{suffix} ({f.name})" for suffix, f in FORMATS.items())

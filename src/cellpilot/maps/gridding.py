@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cellpilot.errors import InputError
-
-MAX_CELLS = 20_000_000
-"""Bins a grid may have; more means one stray position or a bin far too small, and would fill the memory."""
+from cellpilot.maps.limits import MAX_CELLS
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +29,7 @@ def grid_samples(x_m: ArrayLike, y_m: ArrayLike, z_m: ArrayLike, value: ArrayLik
     Bin i covers i * bin_m <= x < (i + 1) * bin_m, so its edges do not depend on the samples; each different `z_m` is a
     level of its own. Empty bins are NaN. Samples that `keep [n]` leaves out belong to the area all the same: they
     stretch the grid and count nowhere. `InputError` for no sample, values that are not finite, a bin size that is
-    not positive, or a grid of more than 20 million bins.
+    not positive, or a grid of more than 10 million bins.
     """
     x, y, z, values = (np.asarray(array, dtype=np.float64).ravel() for array in (x_m, y_m, z_m, value))
     if not np.isfinite(bin_m) or bin_m <= 0:

@@ -19,7 +19,7 @@ Attributes: see `make_map`. A leading dimension `condition` (load, hour) is rese
 
 import json
 from collections.abc import Mapping
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -27,7 +27,9 @@ from numpy.typing import ArrayLike
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
+from cellpilot.maps.attributes import plain_attributes
 from cellpilot.maps.geodesy import Anchor
+from cellpilot.maps.limits import check_range, check_size
 from cellpilot.provenance import versions
 
 RadioMap: TypeAlias = xr.Dataset
@@ -38,6 +40,15 @@ UNKNOWN = ("blocked", "bad")
 
 DATUM = "WGS84; z in metres above the ground at the anchor"
 CELL = ("z", "y", "x")
+ALSO_WRITTEN = {
+    "m": ("metre", "metres", "meter", "meters"),
+    "degree": ("deg", "degrees", "°"),
+    "1": ("", "-", "dimensionless"),
+    "dB": ("db", "decibel"),
+    "dBm": ("dbm",),
+    "Hz": ("hz", "hertz"),
+}
+"""Other ways to write the units of the schema."""
 
 
 class Field(NamedTuple):
@@ -159,11 +170,13 @@ def validate(dataset: RadioMap, where: str = "the map") -> RadioMap:
     uneven or falling coordinates, NaN in a free cell (allowed if the attribute `unknown` is "bad"), infinities, a
     negative uncertainty, a map of one cell or without a free one, sectors out of range.
     """
-    _check_attributes(dataset, where)
+    attributes = plain_attributes(dataset.attrs, where)
+    _check_attributes(attributes, where)
+    check_header(dataset, where)
     if "condition" in dataset.dims:
         raise InputError(f"{where} has the reserved dimension 'condition': select one, e.g. dataset.isel(condition=0, drop=True)")
     # Other tools may have written the sites as variables.
-    result = dataset.set_coords([name for name in COORDINATES if name in dataset.variables])
+    result = dataset.set_coords([name for name in COORDINATES if name in dataset.variables]).assign_attrs(attributes)
     for name, field in (COORDINATES | FIELDS).items():
         if name in result.variables:
             result[name] = _canonical(result[name], name, field, where)
@@ -173,6 +186,11 @@ def validate(dataset: RadioMap, where: str = "the map") -> RadioMap:
         _check_axis(name, result[name].values, where)
     _check_values(result, where)
     return result
+
+
+def check_header(dataset: RadioMap, where: str) -> None:
+    """`InputError` if the sizes of a map, whose values need not be in memory, are beyond what is read."""
+    check_size(tuple(dataset.sizes.get(axis, 1) for axis in CELL), where)
 
 
 def _check_known(names: list[str]) -> None:
@@ -192,22 +210,22 @@ def _anchor_attributes(anchor: Anchor | None) -> dict[str, str | float]:
     }
 
 
-def _check_attributes(dataset: RadioMap, where: str) -> None:
-    version = dataset.attrs.get("schema_version")
+def _check_attributes(attributes: Mapping[str, Any], where: str) -> None:
+    version = attributes.get("schema_version")
     if version is None:
         raise InputError(f"{where} has no attribute 'schema_version': not a RadioMap; build one with cellpilot.maps.make_map")
     if version != SCHEMA_VERSION:
         raise InputError(
             f"{where} has schema_version {version}; this cellpilot reads {SCHEMA_VERSION}: install the one that wrote it"
         )
-    unknown = dataset.attrs.get("unknown", "blocked")
+    unknown = attributes.get("unknown", "blocked")
     if unknown not in UNKNOWN:
         raise InputError(f"{where} has the attribute unknown = {unknown!r}; expected one of {', '.join(UNKNOWN)}")
-    given = [f"anchor_{part}" in dataset.attrs for part in ("latitude_deg", "longitude_deg")]
+    given = [f"anchor_{part}" in attributes for part in ("latitude_deg", "longitude_deg")]
     if any(given) and not all(given):
         raise InputError(f"{where} has only one of anchor_latitude_deg and anchor_longitude_deg: give both or neither")
     try:
-        anchor_of(dataset)
+        anchor_of(xr.Dataset(attrs=attributes))
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -222,8 +240,22 @@ def _canonical(array: xr.DataArray, name: str, field: Field, where: str) -> xr.D
         raise InputError(f"{where}: {name} is of type {values.dtype}; expected numbers [{field.units}]")
     else:
         values = _cast(values, name, field, where)
+    _check_units(array, name, field, where)
+    check_range(name, values, where)
     attrs = array.attrs | {"units": field.units, "long_name": field.long_name}
     return xr.DataArray(values, dims=field.dims, attrs=attrs)
+
+
+def _check_units(array: xr.DataArray, name: str, field: Field, where: str) -> None:
+    """`InputError` if a unit is stated and is another one."""
+    stated = array.attrs.get("units")
+    if stated is None:
+        return
+    if not isinstance(stated, str) or stated.strip() not in (field.units, *ALSO_WRITTEN.get(field.units, ())):
+        raise InputError(
+            f"{where}: {name} has the units {stated!r}; expected {field.units!r}: convert the values, or remove the attribute"
+            " if they are right"
+        )
 
 
 def _cast(values: np.ndarray, name: str, field: Field, where: str) -> np.ndarray:

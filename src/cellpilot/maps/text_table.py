@@ -10,12 +10,15 @@ from io import TextIOWrapper
 from itertools import chain
 from math import nan
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, TextIO, cast
 
 from cellpilot.errors import InputError
 
 MISSING = frozenset({"", "-", "n/a", "na", "nan", "null", "none"})
 """Texts (in small letters) that stand for no value."""
+
+LONGEST_LINE, MOST_UNPACKED_BYTES, MOST_PACKING = 1_000_000, 20_000_000, 100
+"""Characters of a line, and bytes of a packed text: those that are always read, and how many times the file more."""
 
 SENTINELS = frozenset({2147483647.0, -2147483648.0, 9223372036854775807.0})
 """Numbers that stand for no value: Android's UNAVAILABLE is the greatest 32-bit integer."""
@@ -117,6 +120,20 @@ class Row:
         return InputError(f"{self.table.path}, line {self.line}: {text}")
 
 
+FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""How a text begins that a spreadsheet runs as a formula, apostrophes before it included."""
+
+
+def for_spreadsheets(text: str) -> str:
+    """A text that no spreadsheet takes for a formula: one that begins like one gets an apostrophe in front."""
+    return f"'{text}" if FORMULA.match(text) else text
+
+
+def from_spreadsheets(text: str) -> str:
+    """The text behind `for_spreadsheets`."""
+    return text[1:] if text.startswith("'") and FORMULA.match(text) else text
+
+
 def _range(column: Column) -> str:
     return f"expected a number from {column.low:g} to {column.high:g} {column.unit}".rstrip()
 
@@ -148,10 +165,10 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     reader = None
     try:
         with _unpacked(path) as packed, TextIOWrapper(packed, "utf-8-sig", newline="") as file:
-            first = next((text for text in file if text.strip() and not text.lstrip().startswith("#")), "")
+            first = next((text for text in _short(path, file) if text.strip() and not text.lstrip().startswith("#")), "")
             delimiter = max(",\t;", key=first.count)
             file.seek(0)
-            reader = csv.reader(file, delimiter=delimiter)
+            reader = csv.reader(_short(path, file), delimiter=delimiter)
             for row in reader:
                 if any(field.strip() for field in row):
                     yield reader.line_num, row
@@ -168,6 +185,21 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise InputError(
             f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}): check the file and its permissions"
         ) from None
+
+
+def _short(path: Path, file: TextIO) -> Iterator[str]:
+    """The lines of a text; `InputError` for one without end, or text that packs a disk full into a small file."""
+    packed_bytes, characters = path.stat().st_size if path.suffix == ".gz" else None, 0
+    while line := file.readline(LONGEST_LINE + 1):
+        characters += len(line)
+        if len(line) > LONGEST_LINE:
+            raise InputError(f"{path}: a line of more than {LONGEST_LINE:,} characters; expected lines of separated columns")
+        if packed_bytes is not None and characters > max(MOST_UNPACKED_BYTES, MOST_PACKING * packed_bytes):
+            raise InputError(
+                f"{path}: unpacks from {packed_bytes / 1e6:.3g} MB to more than {characters / 1e6:.3g} MB, as no log does;"
+                " unpack it yourself if it is one"
+            )
+        yield line
 
 
 def _unpacked(path: Path) -> IO[bytes]:

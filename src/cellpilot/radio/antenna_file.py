@@ -19,6 +19,7 @@ DBD_DBI = 2.15
 """Gain of a half-wave dipole [dBi]."""
 
 CUTS = ("HORIZONTAL", "VERTICAL")
+MOST_TILT_DEG, MOST_GAIN_DB, MOST_ATTENUATION_DB = 90.0, 100.0, 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +54,18 @@ def read_antenna(path: str | Path) -> AntennaFile:
     path = Path(path)
     try:
         lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); expected an antenna file (.msi or .pln)") from None
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}); expected an antenna file (.msi or .pln)"
+        ) from None
     texts: dict[str, list[str]] = {}
     cuts: dict[str, FloatArray] = {}
     number = 0
     while number < len(lines):
         word, _, rest = lines[number].strip().replace("\t", " ").partition(" ")
         number += 1
+        if word.upper() in cuts:
+            raise InputError(f"{path}, line {number}: a second cut {word.upper()}; expected one: remove the other")
         if word.upper() in CUTS:
             cuts[word.upper()] = _read_cut(path, lines, number, word.upper())
             number += 360
@@ -73,11 +78,11 @@ def read_antenna(path: str | Path) -> AntennaFile:
     horizontal_db, vertical_db = (cuts[cut] for cut in CUTS)
     bare = PatternAntenna(0.0, horizontal_db, vertical_db)
     header = {word: "\n".join(found) for word, found in texts.items()}
-    tilt_deg = _stated_tilt(header)
+    tilt_deg = _stated_tilt(path, header)
     return AntennaFile(
         header,
         _gain_dbi(path, header),
-        _frequency_hz(header),
+        _frequency_hz(path, header),
         bare.downtilt_deg if tilt_deg is None else tilt_deg,
         horizontal_db,
         vertical_db,
@@ -119,9 +124,10 @@ def _read_cut(path: Path, lines: list[str], start: int, name: str) -> FloatArray
             ) from None
         if angle_deg != degree:
             raise InputError(f"{path}, line {number + 1}: angle {fields[0]} in the cut {name}; expected {degree}")
-        if not 0 <= cut_db[degree] < np.inf:
+        if not 0 <= cut_db[degree] <= MOST_ATTENUATION_DB:
             raise InputError(
-                f"{path}, line {number + 1}: attenuation {fields[1]} dB in the cut {name}; expected 0 dB or more below the peak"
+                f"{path}, line {number + 1}: attenuation {fields[1]} dB in the cut {name};"
+                f" expected 0 to {MOST_ATTENUATION_DB:g} dB below the peak"
             )
     return cut_db
 
@@ -136,16 +142,29 @@ def _gain_dbi(path: Path, header: dict[str, str]) -> float:
     found = re.fullmatch(r"([-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?)\s*(dbd|dbi)?", text, re.IGNORECASE)
     if found is None:
         raise InputError(f"{path}: GAIN is {text!r}; expected a number in dBd, or with the unit dBd or dBi")
+    if abs(float(found[1])) > MOST_GAIN_DB:
+        raise InputError(f"{path}: GAIN is {text!r}; expected at most {MOST_GAIN_DB:g} dB, as antennas have it")
     return float(found[1]) + (0.0 if (found[2] or "dBd").lower() == "dbi" else DBD_DBI)
 
 
-def _frequency_hz(header: dict[str, str]) -> float | None:
-    found = re.match(r"(\d+(?:\.\d+)?)\s*(GHz)?", _first(header, "FREQUENCY"), re.IGNORECASE)
-    return None if found is None else float(found[1]) * (1e9 if found[2] else 1e6)
+def _frequency_hz(path: Path, header: dict[str, str]) -> float | None:
+    text = _first(header, "FREQUENCY")
+    if not text:
+        return None
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(MHz|GHz)?", text, re.IGNORECASE)
+    if found is None or not 0 < (frequency_hz := float(found[1]) * (1e9 if (found[2] or "").lower() == "ghz" else 1e6)) < 1e12:
+        raise InputError(f"{path}: FREQUENCY is {text!r}; expected one number in MHz, or with the unit MHz or GHz")
+    return frequency_hz
 
 
-def _stated_tilt(header: dict[str, str]) -> float | None:
+def _stated_tilt(path: Path, header: dict[str, str]) -> float | None:
+    """The number after ELECTRICAL_TILT or TILT, where one of them has a number."""
     for key in ("ELECTRICAL_TILT", "TILT"):
-        if found := re.search(r"[-+]?\d+(?:\.\d+)?", _first(header, key)):
-            return float(found[0])
+        text = _first(header, key)
+        if not re.search(r"\d", text):
+            continue
+        found = re.fullmatch(r"(?:[A-Za-z]+\s+)?([-+]?\d+(?:\.\d+)?)\s*(?:deg|degrees|°)?", text)
+        if found is None or abs(float(found[1])) > MOST_TILT_DEG:
+            raise InputError(f"{path}: {key} is {text!r}; expected one number from -90 to 90 [deg]")
+        return float(found[1])
     return None

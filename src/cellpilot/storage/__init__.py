@@ -2,11 +2,12 @@
 
 from cellpilot.storage.arrays import load_array, save_array
 from cellpilot.storage.atomic import TEMPORARY, write_atomically
+from cellpilot.storage.folders import new_folder
 from cellpilot.storage.hold import LOCK, hold
 from cellpilot.storage.netcdf import load_netcdf, save_netcdf
 from cellpilot.storage.seal import check_seal, digest_of_bytes, seal
 from cellpilot.storage.tensors import load_tensors, save_tensors
-from cellpilot.storage.texts import parse_json, read_json, read_text, write_json
+from cellpilot.storage.texts import parse_json, read_json, read_text, resolved, write_json
 
 __all__ = [
     "LOCK",
@@ -17,9 +18,11 @@ __all__ = [
     "load_array",
     "load_netcdf",
     "load_tensors",
+    "new_folder",
     "parse_json",
     "read_json",
     "read_text",
+    "resolved",
     "save_array",
     "save_netcdf",
     "save_tensors",

@@ -21,7 +21,7 @@ def write_atomically(path: Path, content: bytes | str) -> None:
     be written; `path` then stays as it was and nothing else stays. What a kill left behind goes with the next write to
     the same name.
     """
-    with _complaints(path):
+    with complaints(path):
         data = content if isinstance(content, bytes) else content.encode()
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_leftovers(path)
@@ -83,7 +83,7 @@ def _create_beside(path: Path) -> tuple[int, Path]:
 
 
 @contextmanager
-def _complaints(path: Path) -> Iterator[None]:
+def complaints(path: Path) -> Iterator[None]:
     """Everything that keeps a file from being written as one kind of error that names it."""
     try:
         yield

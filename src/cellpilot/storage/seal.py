@@ -39,7 +39,7 @@ def check_seal(path: Path) -> bool:
             left -= len(block)
     if tail[len(MARK) : -1] != sha.hexdigest().encode():
         raise InputError(
-            f"{path}: its checksum is that of another content: the file was damaged, or changed in place by another program;"
-            " make it again, or restore it"
+            f"{path}: checksum mismatch: the file is damaged, or another program changed it in place; restore or make it again;"
+            " if you changed it yourself, save it under a new name with that program"
         )
     return True

@@ -44,7 +44,7 @@ def load_tensors(path: Path, kind: str, keys: Set[str], remedy: str) -> tuple[di
     if header.keys() - {"digest"} != keys:
         raise InputError(f"{path}: its header has {', '.join(header) or 'nothing'}; expected {', '.join(sorted(keys))}; {remedy}")
     if "digest" in header and header["digest"] != _digest(tensors, header):
-        raise InputError(f"{path}: its checksum is that of another content: the file was damaged or changed; {remedy}")
+        raise InputError(f"{path}: checksum mismatch: the file is damaged, or was changed; {remedy}")
     return tensors, header
 
 

@@ -44,3 +44,11 @@ def read_json(path: Path, remedy: str) -> dict[str, Any]:
 def write_json(path: Path, content: Any) -> None:
     """Write JSON atomically."""
     write_atomically(path, json.dumps(content, indent=2) + "\n")
+
+
+def resolved(path: Path) -> Path:
+    """The path without links; `InputError` for links that lead in a circle or a name that no file can have."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"{str(path)!r}: cannot be followed ({' '.join(str(error).split())}); choose another place") from None

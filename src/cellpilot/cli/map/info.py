@@ -10,6 +10,7 @@ from cellpilot.cli.console import out, warn
 from cellpilot.cli.options import parse
 from cellpilot.experiment import threshold_warning
 from cellpilot.maps import load_map
+from cellpilot.maps.files import has_checksum
 from cellpilot.maps.words import described
 from cellpilot.scenario import Settings
 from cellpilot.world import World
@@ -29,5 +30,7 @@ def main(arguments: Sequence[str]) -> int:
     out.print(f"{options.file}")
     for line in described(radio_map, options.threshold_db):
         out.print(f"  {line}")
+    if not has_checksum(options.file):
+        out.print("  no checksum: damage to its numbers would not be noticed; cellpilot map convert writes one")
     warn(threshold_warning(World.from_map(radio_map), options.threshold_db))
     return 0

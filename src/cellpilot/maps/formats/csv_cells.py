@@ -4,8 +4,10 @@ The first line is a comment that holds the attributes as JSON; without it the fi
 """
 
 import csv
+import hashlib
 import io
 import json
+from collections.abc import Iterable
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -16,11 +18,14 @@ from numpy.typing import ArrayLike
 from cellpilot.errors import InputError
 from cellpilot.maps.formats.cells import VARIABLES, attributes_json
 from cellpilot.maps.geodesy import to_degrees
+from cellpilot.maps.limits import check_size
 from cellpilot.maps.schema import CELL, RadioMap, anchor_of, make_map, validate
-from cellpilot.maps.text_table import Column, open_table
-from cellpilot.storage import write_atomically
+from cellpilot.maps.text_table import LONGEST_LINE, Column, open_table
+from cellpilot.storage import parse_json, write_atomically
 
 MARK = "# cellpilot map "
+SUM = "sha256"
+"""Entry of line 1: checksum of the other attributes and of all lines below, whatever their line ends."""
 PLACES = ("x_m", "y_m", "z_m")
 
 
@@ -38,16 +43,17 @@ def write(dataset: RadioMap, path: Path) -> None:
     texts |= {name: [_text(v) for v in columns[name].astype(str)] for name in names if columns[name].dtype == np.float32}
 
     try:
-        attributes = attributes_json(dataset)
+        attributes = parse_json(attributes_json(dataset), str(path), "correct the attributes")
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
     file = io.StringIO()
-    file.write(MARK + attributes + "\n")
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(texts)
     writer.writerows(zip(*texts.values(), strict=True))
-    write_atomically(path, file.getvalue())
+    below = file.getvalue()
+    attributes |= {SUM: _sum(attributes, [below.encode()])}
+    write_atomically(path, f"{MARK}{json.dumps(attributes, sort_keys=True)}\n{below}")
 
 
 def read(path: Path) -> RadioMap:
@@ -56,6 +62,7 @@ def read(path: Path) -> RadioMap:
     table.require(
         (*PLACES, "sinr_db"), "; expected a map with one line a cell (a measured log is imported: cellpilot map import)"
     )
+    attributes = read_attributes(path)
     names = [name for name in VARIABLES if name in table.names]
     limits = {name: Column(name, -(2.0**31), 2.0**31) for name in (*PLACES, *names)}
     lines, cells = [], []
@@ -68,6 +75,7 @@ def read(path: Path) -> RadioMap:
         raise InputError(f"{path}: no cells below the header; expected one line for each")
     values = np.array(cells)
     (x_m, ix), (y_m, iy), (z_m, iz) = (np.unique(values[:, i], return_inverse=True) for i in range(3))
+    check_size((len(x_m), len(y_m), len(z_m)), f"{path}: lines at {len(x_m)} x {len(y_m)} x {len(z_m)} places")
     index = (iz * len(y_m) + iy) * len(x_m) + ix
     unique, first = np.unique(index, return_index=True)
     if len(unique) < len(index):
@@ -78,7 +86,6 @@ def read(path: Path) -> RadioMap:
     shape = len(z_m), len(y_m), len(x_m)
     arrays = {name: _gridded(values[:, 3 + i], index, shape, name) for i, name in enumerate(names)}
     optional: dict[str, ArrayLike] = {name: arrays[name] for name in ("sinr_spread_db", "serving_sector") if name in arrays}
-    attributes = _attributes(path)
     try:
         dataset = make_map(
             arrays["sinr_db"],
@@ -108,17 +115,34 @@ def _gridded(values: np.ndarray, index: np.ndarray, shape: tuple[int, ...], name
     return array.reshape(shape)
 
 
-def _attributes(path: Path) -> dict[str, Any]:
-    with path.open(encoding="utf-8-sig") as file:
-        first = file.readline()
-    if not first.startswith(MARK):
-        return {}
-    try:
-        return dict(json.loads(first.removeprefix(MARK)).items())
-    except (ValueError, AttributeError):
-        raise InputError(
-            f"{path}, line 1: the attributes are no JSON; expected the line as cellpilot wrote it, or none"
-        ) from None
+def read_attributes(path: Path) -> dict[str, Any]:
+    """The attributes in line 1; `InputError` if it is damaged, or its checksum is that of other lines."""
+    with path.open("rb") as file:
+        first = file.readline(LONGEST_LINE).removeprefix(b"\xef\xbb\xbf")
+        if not first.startswith(MARK.encode()):
+            return {}
+        text = first.decode("utf-8", "replace").removeprefix(MARK)
+        attributes = parse_json(text, f"{path}, line 1", "expected the line as cellpilot wrote it, or none")
+        stated = attributes.pop(SUM, None)
+        if stated is not None and stated != _sum(attributes, file):
+            raise InputError(
+                f"{path}: checksum mismatch: the file is damaged, or was changed; if you changed it yourself, remove {SUM!r} from"
+                " line 1"
+            )
+    return attributes
+
+
+def has_checksum(path: Path) -> bool:
+    """Whether line 1 holds a checksum."""
+    with path.open("rb") as file:
+        return f'"{SUM}"'.encode() in file.readline(LONGEST_LINE)
+
+
+def _sum(attributes: dict[str, Any], lines: Iterable[bytes]) -> str:
+    sha = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode())
+    for line in lines:
+        sha.update(line.replace(b"\r\n", b"\n"))
+    return sha.hexdigest()
 
 
 def _text(value: float | int | bool | str) -> str:

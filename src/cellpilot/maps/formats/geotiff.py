@@ -5,7 +5,6 @@ without resampling, and comes back equal. Any other raster, and a map that was m
 written, is read onto a local grid (see `foreign_raster`).
 """
 
-import json
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,16 +14,19 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from cellpilot.errors import InputError
+from cellpilot.maps.attributes import plain_attributes
 from cellpilot.maps.formats.cells import VARIABLES, attributes_json
 from cellpilot.maps.formats.foreign_raster import WGS84, FloatArray, apply, local_grid
 from cellpilot.maps.formats.raster_bands import bands_of, check_georeferenced, values_of
 from cellpilot.maps.geodesy import Anchor, metres_per_degree, to_degrees
+from cellpilot.maps.limits import check_size
 from cellpilot.maps.schema import FIELDS, RadioMap, anchor_of, make_map, validate
-from cellpilot.storage import seal, write_atomically
+from cellpilot.storage import check_seal, parse_json, seal, write_atomically
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
 
+TIFF_BEGINS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 TAG = "CELLPILOT"
 """Tag that holds the map's attributes, variables and local coordinates as JSON."""
 
@@ -86,16 +88,34 @@ def read(path: Path, heights_m: tuple[float, ...] | None = None) -> RadioMap:
     system, with bands whose heights nobody states or that states others, or that is no raster.
     """
     rasterio = _rasterio()
+    check_seal(path)
+    _check_sidecars(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)  # it is refused below, in words
-            opened = rasterio.open(path)
+            # GDAL takes a file for whatever its first bytes say, and some kinds describe files elsewhere, on other machines too.
+            opened = rasterio.open(path, driver="GTiff")
         with opened as file:
             return _map(file, heights_m)
-    except rasterio.errors.RasterioIOError as error:
+    except (rasterio.errors.RasterioError, MemoryError, ValueError, IndexError) as error:
+        if isinstance(error, InputError):
+            raise InputError(f"{path}: {error}") from None
         raise InputError(f"{path}: not a readable GeoTIFF ({' '.join(str(error).split())[:120]})") from None
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+
+
+def has_checksum(path: Path) -> bool:
+    """Whether the file ends with a checksum."""
+    return check_seal(path)
+
+
+def _check_sidecars(path: Path) -> None:
+    """`InputError` for a mask or overview beside the file that is no TIFF: GDAL opens those by themselves."""
+    for suffix in (".msk", ".ovr"):
+        beside = path.with_name(path.name + suffix)
+        if beside.is_file():
+            with beside.open("rb") as file:
+                if file.read(4) not in TIFF_BEGINS:
+                    raise InputError(f"{beside}: no TIFF; expected a mask or overview of {path.name}: remove it")
 
 
 def _rasterio() -> Any:
@@ -151,13 +171,23 @@ class Tag(NamedTuple):
 
 
 def _tag(file: "DatasetReader") -> Tag | None:
-    try:
-        tag = json.loads(file.tags().get(TAG, "null"))
-        x_m, y_m = (np.array(tag[axis], dtype=np.float64) for axis in "xy")
-        anchor = anchor_of(xr.Dataset(attrs=tag["attrs"]))
-        return Tag(x_m, y_m, anchor, tuple(v for v in tag["variables"] if v in VARIABLES), tag["attrs"]) if anchor else None
-    except (KeyError, TypeError, ValueError):
+    """The tag of a file that has one; `InputError` for a damaged one."""
+    if TAG not in file.tags():
         return None
+    remedy = f"restore the file, or remove the tag to read it as a raster of unknown origin (gdal_edit.py -unsetmd {TAG} FILE)"
+    tag = parse_json(file.tags()[TAG], f"the tag {TAG}", remedy)
+    try:
+        x_m, y_m = (np.array(tag[axis], dtype=np.float64) for axis in "xy")
+        attributes = plain_attributes(tag["attrs"], f"the tag {TAG}")
+        anchor = anchor_of(xr.Dataset(attrs=attributes))
+        variables = tuple(v for v in tag["variables"] if v in VARIABLES)
+        if anchor is None or not variables or x_m.ndim != 1 or y_m.ndim != 1:
+            raise ValueError("no anchor, variables or coordinates")
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"the tag {TAG} is damaged ({error!r}); {remedy}") from None
+    return Tag(x_m, y_m, anchor, variables, attributes)
 
 
 def _lies_as_written(file: "DatasetReader", tag: Tag) -> bool:
@@ -173,6 +203,7 @@ def _lies_as_written(file: "DatasetReader", tag: Tag) -> bool:
 
 def _map(file: "DatasetReader", heights_m: tuple[float, ...] | None) -> RadioMap:
     check_georeferenced(file)
+    check_size((file.width, file.height, file.count))
     z_m, bands = bands_of(file, heights_m)
     values = {name: values_of(file, numbers) for name, numbers in bands.items()}
     tag = _tag(file)

@@ -2,10 +2,8 @@
 
 from pathlib import Path
 
-import numpy as np
-
-from cellpilot.maps.schema import RadioMap, validate
-from cellpilot.storage import load_netcdf, save_netcdf
+from cellpilot.maps.schema import RadioMap, check_header, validate
+from cellpilot.storage import check_seal, load_netcdf, save_netcdf
 
 
 def write(dataset: RadioMap, path: Path) -> None:
@@ -16,6 +14,10 @@ def write(dataset: RadioMap, path: Path) -> None:
 
 def read(path: Path) -> RadioMap:
     """The map in a NetCDF-4 file, in memory and checked; `InputError` names the file and what is wrong with it."""
-    dataset = load_netcdf(path, "a map in NetCDF-4 written by cellpilot")
-    dataset.attrs = {name: value.item() if isinstance(value, np.generic) else value for name, value in dataset.attrs.items()}
+    dataset = load_netcdf(path, "a map in NetCDF-4 written by cellpilot", lambda opened: check_header(opened, str(path)))
     return validate(dataset, str(path)).drop_encoding()
+
+
+def has_checksum(path: Path) -> bool:
+    """Whether the file ends with a checksum."""
+    return check_seal(path)

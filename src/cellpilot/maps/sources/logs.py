@@ -28,6 +28,7 @@ FARTHEST_KM = 200.0
 DAY = re.compile(r"(20\d\d)[-./](0[1-9]|1[0-2])[-./](0[1-9]|[12]\d|3[01])(?!\d)")
 """The day that a time begins with, as in 2020-02-14T12:58:17 and 2020.02.14_12.58.17."""
 
+HIGHEST_M = 10_000.0
 HEIGHT_IN_NAME = re.compile(r"(?:^|_)(\d+(?:\.\d+)?)m$", re.IGNORECASE)
 
 
@@ -164,8 +165,10 @@ def _table(path: Path, f: LogFormat, kept: list[tuple[object, ...]], options: Lo
 def _stated_height_m(path: Path, f: LogFormat, options: LogOptions) -> float | None:
     """Height above take-off [m] of the whole log as given or as its name says; None where the log has altitudes of its own."""
     if options.altitude_m is not None:
-        if not isfinite(options.altitude_m) or options.altitude_m < 0:
-            raise InputError(f"{path}: the altitude given is {options.altitude_m:g} m; expected 0 m or more above take-off")
+        if not 0 <= options.altitude_m <= HIGHEST_M:
+            raise InputError(
+                f"{path}: the altitude given is {options.altitude_m:g} m; expected 0 to {HIGHEST_M:,.0f} m above take-off"
+            )
         return float(options.altitude_m)
     if f.altitude is not None:
         return None
@@ -173,6 +176,8 @@ def _stated_height_m(path: Path, f: LogFormat, options: LogOptions) -> float | N
     if found is None:
         named = "; the file name gives none, like 30m.csv or field_30m.csv would" if f.height_in_name else ""
         raise InputError(f"{path}: the log has no height{named}: give --altitude METRES above take-off")
+    if float(found[1]) > HIGHEST_M:
+        raise InputError(f"{path}: the file name gives a height of {found[1]} m; expected at most {HIGHEST_M:,.0f} m: rename it")
     return float(found[1])
 
 

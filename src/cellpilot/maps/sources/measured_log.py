@@ -16,6 +16,7 @@ from cellpilot.maps.hover import Mask, densest_disc
 from cellpilot.maps.samples import STATED, TAKE_OFF, Samples
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sources.logs import LogOptions, read_log
+from cellpilot.storage import resolved
 
 FloatArray = NDArray[np.float64]
 Trend = Callable[[RadioMap], FloatArray]
@@ -106,9 +107,9 @@ def read_logs(
         raise InputError(f"{len(heights_m)} altitudes for {len(paths)} log(s); expected one for all or one for each")
     seen: set[Path] = set()
     for path in paths:
-        if path.resolve() in seen:
+        if resolved(path) in seen:
             raise InputError(f"{path}: the log is given twice, which would count its samples twice: leave one out")
-        seen.add(path.resolve())
+        seen.add(resolved(path))
     read = [
         read_log(path, replace(options, altitude_m=options.altitude_m if height_m is None else height_m))
         for path, height_m in zip(paths, heights_m, strict=True)

@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import Anchor
+from cellpilot.maps.limits import check_size
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
 from cellpilot.radio import Deployment, LosMode, Reception, simulate
 
 FloatArray = NDArray[np.float64]
-MAX_CELLS = 10_000_000
-"""Larger maps would not fit the memory of a small machine."""
 Range = tuple[float, float]
 
 STRIP_POINTS = 2**17
@@ -53,11 +52,7 @@ def simulate_map(
     """
     x_m, y_m = bin_centres("x", x_range_m, bin_m), bin_centres("y", y_range_m, bin_m)
     z_m = _heights(heights_m)
-    if x_m.size * y_m.size * z_m.size > MAX_CELLS:
-        cells = f"{x_m.size} x {y_m.size} x {z_m.size}"
-        raise InputError(
-            f"the map would have {cells} cells; at most {MAX_CELLS:,} are simulated: use larger bins or a smaller area"
-        )
+    check_size((x_m.size, y_m.size, z_m.size))
     if points_per_side < 1:
         raise InputError(f"points_per_side is {points_per_side}; expected at least 1")
     offset_m = ((np.arange(points_per_side) + 0.5) / points_per_side - 0.5) * bin_m

@@ -12,15 +12,19 @@ the network.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
+from math import prod
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
+from cellpilot.maps.limits import check_size
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sources.raytraced import map_of_levels
+from cellpilot.maps.text_table import UNREADABLE
 from cellpilot.radio import Interference
 from cellpilot.units import to_db
 
@@ -28,6 +32,8 @@ FloatArray = NDArray[np.float64]
 
 SUFFIX = ".npz"
 CENTRES = "cell_centers"
+MOST_BYTES = 1_000_000_000
+"""Of one array."""
 LEVELS = ("sinr", "rss", "path_gain")
 """What a file may hold, the more telling first."""
 
@@ -109,13 +115,44 @@ class _Plane:
     z_m: float
 
 
+def _check_unpacked(path: Path, file: Any, names: list[str]) -> None:
+    """`InputError` if the arrays unpack to more than is read, as the directory of the archive and their headers say."""
+    for name in names:
+        entry = file.zip.getinfo(f"{name}.npy")
+        with file.zip.open(entry) as packed:
+            version = np.lib.format.read_magic(packed)
+            header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, _, dtype = header(packed)
+        n_bytes = max(entry.file_size, dtype.itemsize * prod(shape))
+        if n_bytes > MOST_BYTES:
+            raise InputError(
+                f"{path}: array {name!r} unpacks to {n_bytes / 1e9:.3g} GB; at most {MOST_BYTES / 1e9:g} GB are read"
+            )
+
+
 def _read(path: Path) -> _Plane:
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             wanted = [name for name in (CENTRES, *LEVELS) if name in file.files]
-            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in wanted}
+            _check_unpacked(path, file, wanted)
+            read = {name: file[name] for name in wanted}
+            for name, array in read.items():
+                if array.dtype.kind not in "fiu":
+                    raise InputError(f"{path}: array {name!r} is of type {array.dtype}; expected real numbers")
+            arrays = {name: np.asarray(array, dtype=np.float64) for name, array in read.items()}
             found = ", ".join(file.files) or "none"
-    except (OSError, ValueError, TypeError, AttributeError, EOFError, BadZipFile) as error:
+    except InputError:
+        raise
+    except (
+        *UNREADABLE,
+        ValueError,
+        TypeError,
+        AttributeError,
+        LookupError,
+        MemoryError,
+        NotImplementedError,
+        BadZipFile,
+    ) as error:
         raise InputError(
             f"{path}: cannot be read as arrays saved with numpy.savez ({str(error) or type(error).__name__})"
         ) from None
@@ -130,6 +167,7 @@ def _read(path: Path) -> _Plane:
             f"{path}: array {kind!r} has shape {values.shape} and {CENTRES!r} {centres_m.shape};"
             " expected (transmitters, y, x) and (y, x, 3)"
         )
+    check_size(values.shape[1:], str(path))
     if not ((values >= 0) & (values < np.inf)).all():
         raise InputError(f"{path}: array {kind!r} has values below 0, infinite or NaN; expected linear values, not dB")
     x_m, y_m, z_m = centres_m[0, :, 0].round(3), centres_m[:, 0, 1].round(3), centres_m[0, 0, 2].round(3)

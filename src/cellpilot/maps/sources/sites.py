@@ -32,7 +32,7 @@ import numpy as np
 
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import MAX_LATITUDE_DEG, Anchor, farthest_from_the_rest, to_degrees, to_local
-from cellpilot.maps.text_table import LONGITUDE_DEG, Column, Row, Table, open_table
+from cellpilot.maps.text_table import LONGITUDE_DEG, Column, Row, Table, for_spreadsheets, from_spreadsheets, open_table
 from cellpilot.radio import Antenna, AntennaFile, ColumnAntenna, Deployment, PatternAntenna, read_antenna
 from cellpilot.radio.antenna_file import antenna_text
 from cellpilot.radio.interference import RESOURCE_BLOCKS
@@ -138,11 +138,11 @@ def write_sites(
             latitude, longitude = to_degrees(deployment.x_m[i], deployment.y_m[i], anchor)
             place = {"latitude": repr(float(latitude)), "longitude": repr(float(longitude))}
         lines.append(
-            {"site_id": site_id}
+            {"site_id": for_spreadsheets(site_id)}
             | place
             | {
                 "height_m": repr(float(deployment.height_m[i])),
-                "sector_id": sector_id,
+                "sector_id": for_spreadsheets(sector_id),
                 "azimuth_deg": repr(float((90.0 - deployment.boresight_deg[i]) % 360.0)),
                 **_antenna_fields(deployment.antenna[i], files),
                 "power_dbm": repr(float(deployment.power_dbm[i])),
@@ -150,7 +150,7 @@ def write_sites(
                 "bandwidth_mhz": repr(float(deployment.bandwidth_hz[i] / 1e6)),
                 "load": repr(float(deployment.load[i])),
             }
-            | ({} if note is None else {"note": note})
+            | ({} if note is None else {"note": for_spreadsheets(note)})
         )
 
     table = io.StringIO()
@@ -287,7 +287,7 @@ def _in_degrees(table: Table) -> bool:
 
 def _needed_text(row: Row, name: str) -> str:
     # An operator may call a site NA: what stands for no value elsewhere is a name here.
-    text = row.fields[row.table.names.index(name)].strip()
+    text = from_spreadsheets(row.fields[row.table.names.index(name)].strip())
     if not text:
         raise row.error(f"{name} is empty; expected a name" if name != "antenna" else "antenna is empty; expected an antenna")
     return text
