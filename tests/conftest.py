@@ -6,30 +6,46 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, is_dataclass
+from functools import cache
 from pathlib import Path
 
-import equinox as eqx
 import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import settings
 
+from cellpilot.grid import Grid
+from cellpilot.world import World
+
 # Workers of `-n auto` and commands inherit this: threads of several processes on the same cores wait for each other, and a
 # Gaussian process takes forty times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-with jaxtyping.install_import_hook(["cellpilot.envs", "cellpilot.learn"], "beartype.beartype"):
+jaxtyping.install_import_hook(["cellpilot.envs", "cellpilot.learn"], "beartype.beartype")
+
+WITHOUT_JAX = {"core", "maps", "radio"}
+"""Folders of tests that do without compiled code, and are not to wait for its import."""
+
+
+@cache
+def check_annotations() -> None:
+    """Import all compiled code, with checked annotations of its functions."""
+    import equinox as eqx
+
     importlib.import_module("cellpilot.learn.trainer")
+    for module in [module for name, module in sys.modules.items() if name.startswith(("cellpilot.envs.", "cellpilot.learn."))]:
+        for found in vars(module).values():
+            # JAX rebuilds its dataclasses with whatever a tree function returns; only functions are checked.
+            own = isinstance(found, type) and found.__module__ == module.__name__
+            if own and is_dataclass(found) and not issubclass(found, eqx.Module):
+                found.__init__ = getattr(found.__init__, "__wrapped__", found.__init__)
 
-from cellpilot.grid import Grid
-from cellpilot.world import World
 
-for _module in [module for name, module in sys.modules.items() if name.startswith(("cellpilot.envs.", "cellpilot.learn."))]:
-    for _class in vars(_module).values():
-        # JAX rebuilds its dataclasses with whatever a tree function returns; only functions are checked.
-        _own = isinstance(_class, type) and _class.__module__ == _module.__name__
-        if _own and is_dataclass(_class) and not issubclass(_class, eqx.Module):
-            _class.__init__ = getattr(_class.__init__, "__wrapped__", _class.__init__)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Annotations are checked in all tests that can meet compiled code."""
+    if item.path.parent.name not in WITHOUT_JAX:
+        check_annotations()
+
 
 settings.register_profile("cellpilot", deadline=None, max_examples=40)
 settings.load_profile("cellpilot")

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cellpilot.errors import InputError
-from cellpilot.maps import RadioMap, fill, make_map
+from cellpilot.maps import RadioMap, fill, grid_samples, make_map
+from cellpilot.maps.estimate.fill import measured_cells
 
 
 def build(sinr_db: np.ndarray, bin_m: float = 20.0) -> RadioMap:
@@ -95,3 +96,20 @@ def test_without_pairs_the_uncertainty_is_the_spread_of_the_measured_cells() -> 
 def test_wrong_settings_are_refused(settings_: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         fill(line(1.0, np.nan), **({"radius_m": 20.0} | settings_))  # type: ignore[arg-type]
+
+
+def test_what_the_estimates_get_of_a_cell_are_the_squares_of_its_samples() -> None:
+    values_db = np.array([3.0, 5.0, 10.0, 7.0])
+    bins = grid_samples([1.0, 2.0, 3.0, 25.0], np.ones(4), np.full(4, 30.0), values_db, 10.0)
+    radio_map = make_map(
+        bins.mean,
+        x_m=bins.x_m,
+        y_m=bins.y_m,
+        z_m=bins.z_m,
+        source="test",
+        count=bins.count,
+        optional={"sinr_spread_db": bins.std},
+    )
+    known = measured_cells(radio_map)
+    assert known.n_samples.tolist() == [3.0, 1.0]
+    np.testing.assert_allclose(known.squares_db2, [((values_db[:3] - 6.0) ** 2).sum(), 0.0], rtol=1e-6)

@@ -230,3 +230,24 @@ def test_sinr_of_each_sector_if_it_served() -> None:
     np.testing.assert_array_equal(serving, power_dbm.argmax(axis=0))
     np.testing.assert_array_equal(best_dbm, power_dbm.max(axis=0))
     np.testing.assert_allclose(sinr_db, found[serving, np.arange(50)], atol=1e-9)
+
+
+def test_sectors_of_one_site_on_two_carriers_have_each_its_own_path_loss() -> None:
+    point, carriers_hz = (120.0, 30.0, 40.0), [0.8e9, 2.6e9]
+    both = hexagonal_deployment(rings=0, boresights_deg=(0.0, 0.0), carrier_hz=carriers_hz)
+    alone = [hexagonal_deployment(rings=0, boresights_deg=(0.0,), carrier_hz=hz) for hz in carriers_hz]
+    for los in ("los", "nlos", "soft"):
+        together = received_power_dbm(both, *point, los=los)
+        expected = [float(received_power_dbm(one, *point, los=los)[0]) for one in alone]
+        np.testing.assert_allclose(together.ravel(), expected, rtol=0, atol=1e-9)
+        # 20 log10 of the carriers: the same in line of sight and out of it.
+        assert together[0] - together[1] == pytest.approx(20 * np.log10(2.6 / 0.8), abs=0.01)
+    assert simulate(both, *point).serving_sector == 0
+
+
+def test_soft_above_the_heights_with_nlos_is_line_of_sight_with_and_without_shadowing() -> None:
+    one = hexagonal_deployment(rings=0)
+    x_m, y_m = np.meshgrid([100.0, 3000.0], [0.0, 500.0])
+    for seed in (None, 3):
+        soft, los = (received_power_dbm(one, x_m, y_m, 60.0, "RMa-AV", mode, seed) for mode in ("soft", "los"))
+        np.testing.assert_allclose(soft, los, rtol=0, atol=1e-9)

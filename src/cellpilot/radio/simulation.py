@@ -259,6 +259,4 @@ class _Sight:
         probability = self.model.los_probability(distance_2d_m, height_m)
         if self.los == "sampled":
             return np.where(ndtr(fields["state"]) <= probability, los_db, nlos_db)
-        if std_nlos_db is None and fields:
-            return los_db
         return -to_db(probability * from_db(-los_db) + (1.0 - probability) * from_db(-nlos_db))
