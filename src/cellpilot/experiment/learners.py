@@ -1,5 +1,6 @@
 """Settings of the scenario's learner as compiled code needs them, and whether it can be trained so."""
 
+from cellpilot.errors import InputError
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.base import AlgorithmSettings
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
@@ -47,4 +48,6 @@ def check_learner(settings: AnyLearnerSettings, task: Task, grid: Grid, n_seeds:
     learner = make_learner(settings)
     learner.check_fits(task, n_seeds)
     if isinstance(learner, FQIHER):
+        if learner.look_ahead > (most := 10 * sum(grid.sides)):
+            raise InputError(f"look_ahead is {learner.look_ahead}; expected at most {most}, ten times the sides of this grid")
         learner.check_memory_fits(grid.sides, n_seeds)

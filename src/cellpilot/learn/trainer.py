@@ -136,7 +136,7 @@ def train_many(
                 packed, rows = program.run(packed, n)
                 for run, row in zip(group, rows, strict=True):
                     run.history = _append(run.history, row, n)
-            if not all(bool(jnp.isfinite(leaf).all()) for leaf in jax.tree.leaves(algorithm.learned(packed))):
+            if not _finite(algorithm.learned(packed)):
                 raise InputError(f"training diverged after {done + n} {settings.counts}: lower learning_rate")
             show(n)
             if time.perf_counter() - saved > checkpoint_every_s * len(group):
@@ -209,7 +209,13 @@ def _open(settings: AlgorithmSettings, arena: Arena, seed: int, checkpoint: Path
     state, history, about = load_state(checkpoint, state, {"fingerprint": fingerprint, "seed": seed})
     if any(name not in history or history[name].shape != (int(state.rounds_done),) for name in empty):
         raise InputError(f"{checkpoint}: the learning curve in it is damaged; delete it to train from the start")
+    if not _finite(algorithm.learned(state)):
+        raise InputError(f"{checkpoint}: the weights in it are NaN or infinite; delete it to train from the start")
     return _Run(seed, state, history, checkpoint, False, about["train_wall_s"])
+
+
+def _finite(network: Any) -> bool:
+    return all(bool(jnp.isfinite(leaf).all()) for leaf in jax.tree.leaves(network))
 
 
 class _Clock:

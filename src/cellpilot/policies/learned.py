@@ -11,6 +11,7 @@ from cellpilot.errors import InputError
 from cellpilot.grid import Grid, IntArray
 from cellpilot.policies import pair_value
 from cellpilot.policies.base import greedy_actions, one_hot
+from cellpilot.policies.check import check_pair_task, check_sides, check_tensors
 from cellpilot.storage import load_tensors, save_tensors
 from cellpilot.task import Task
 
@@ -34,6 +35,7 @@ class PolicyParameters:
     architecture: str  # a key of TENSORS
     sides: tuple[int, int, int]
     about: dict[str, Any] = field(default_factory=dict)  # scenario, map digest, task, seed
+    checked: bool = True  # False for one that was read from a file without a checksum
 
     def check_grid(self, grid: Grid) -> None:
         """`InputError` if the policy was trained on a grid of another shape."""
@@ -109,15 +111,22 @@ def save_parameters(parameters: PolicyParameters, path: Path) -> None:
 
 def load_parameters(path: Path) -> PolicyParameters:
     """Read `policy.safetensors`; `InputError` for a missing file, a damaged one or one of another kind."""
-    tensors, header = load_tensors(path, FORMAT, HEADER, "expected a policy that cellpilot train has written")
+    remedy = "train again or restore it"
+    tensors, header = load_tensors(path, FORMAT, HEADER, remedy)
     try:
-        nx, ny, nz = (int(n) for n in header["sides"])
+        sides = check_sides(header["sides"])
         architecture, about = header["architecture"], dict(header["about"])
         expected = TENSORS[architecture]
-        if architecture == pair_value.ARCHITECTURE and (Task(**about["task"]), int(about["look_ahead"]))[1] < 1:
-            raise ValueError(f"look_ahead is {about['look_ahead']}")
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: the description of the policy is damaged ({error!r}); train again or restore it") from error
+        if architecture == pair_value.ARCHITECTURE:
+            check_pair_task(about, sides)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{path}: the description of the policy is damaged ({error!r:.120}); {remedy}") from error
     if not expected <= tensors.keys():
-        raise InputError(f"{path}: tensors {sorted(expected - tensors.keys())} are missing; train again or restore it")
-    return PolicyParameters(tensors, architecture, (nx, ny, nz), about)
+        raise InputError(f"{path}: tensors {sorted(expected - tensors.keys())} are missing; {remedy}")
+    try:
+        check_tensors(tensors, architecture, sides)
+    except KeyError as error:
+        raise InputError(f"{path}: the tensor {error.args[0]} is missing; {remedy}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}; {remedy}") from None
+    return PolicyParameters(tensors, architecture, sides, about, checked="digest" in header)
