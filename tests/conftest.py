@@ -21,7 +21,7 @@ from cellpilot.world import World
 # Gaussian process takes forty times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-jaxtyping.install_import_hook(["cellpilot.envs", "cellpilot.learn"], "beartype.beartype")
+jaxtyping.install_import_hook(["cellpilot.envs.arena", "cellpilot.envs.flight", "cellpilot.learn"], "beartype.beartype")
 
 WITHOUT_JAX = {"core", "maps", "radio"}
 """Folders of tests that do without compiled code, and are not to wait for its import."""

@@ -9,6 +9,7 @@ or in one, `gymnasium.make("cellpilot.gym:cellpilot/Thesis2D-v0")`. `gymnasium.m
 by NumPy. Gymnasium has no way to find environments of a package that was not imported (since 1.0).
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ except ImportError as error:
     raise ImportError("the environments need Gymnasium: pip install 'cellpilot[gym]'") from error
 
 from cellpilot.envs.goal_env import GoalEnv
+from cellpilot.envs.goal_rules import place_of
 from cellpilot.envs.vector_env import GoalVectorEnv
 from cellpilot.errors import InputError
 from cellpilot.experiment import make_map, make_task
@@ -44,15 +46,20 @@ def scenario_env(scenario: str, render_mode: str | None = None, **settings: Any)
 
 
 def scenario_vector_env(
-    scenario: str, num_envs: int = 1, autoreset_mode: str = "NextStep", render_mode: str | None = None, **settings: Any
+    scenario: str,
+    num_envs: int = 1,
+    autoreset_mode: str = "NextStep",
+    render_mode: str | None = None,
+    max_episode_steps: int | None = None,
+    **settings: Any,
 ) -> GoalVectorEnv:
-    """Many flights of a scenario; `settings` as for one."""
-    facts = _scenario_facts(scenario, settings)
+    """Many flights of a scenario; `settings` as for one. `max_episode_steps` lowers the task's cap on steps."""
+    facts = _capped(_scenario_facts(scenario, settings), max_episode_steps)
     return GoalVectorEnv(**facts, num_envs=num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode)
 
 
 def map_env(map_file: str | Path = "", render_mode: str | None = None, **settings: Any) -> GoalEnv:
-    """One flight over the map in a NetCDF file; `settings` are those of the task, whose defaults are the thesis's."""
+    """One flight over the map in a file; `settings` are those of the task, whose defaults are the thesis's."""
     return GoalEnv(**_map_facts(map_file, settings), render_mode=render_mode)
 
 
@@ -61,11 +68,19 @@ def map_vector_env(
     num_envs: int = 1,
     autoreset_mode: str = "NextStep",
     render_mode: str | None = None,
+    max_episode_steps: int | None = None,
     **settings: Any,
 ) -> GoalVectorEnv:
-    """Many flights over the map in a NetCDF file; `settings` as for one."""
-    facts = _map_facts(map_file, settings)
+    """Many flights over the map in a file; `settings` as for one. `max_episode_steps` lowers the task's cap on steps."""
+    facts = _capped(_map_facts(map_file, settings), max_episode_steps)
     return GoalVectorEnv(**facts, num_envs=num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode)
+
+
+def _capped(facts: dict[str, Any], max_episode_steps: int | None) -> dict[str, Any]:
+    """The smaller of two caps on steps: Gymnasium's own wrapper for it knows one flight only."""
+    if max_episode_steps is None:
+        return facts
+    return facts | {"task": replace(facts["task"], max_steps=min(max_episode_steps, facts["task"].max_steps))}
 
 
 def _scenario_facts(name: str, settings: dict[str, Any]) -> dict[str, Any]:
@@ -80,6 +95,7 @@ def _map_facts(map_file: str | Path, settings: dict[str, Any]) -> dict[str, Any]
 
 def _facts(radio_map: RadioMap, task: TaskSettings, settings: dict[str, Any], where: str) -> dict[str, Any]:
     """Arguments that both kinds of environment share."""
+    settings = settings | {name: place_of(settings[name]) for name in ("start", "goal") if name in settings}
     try:
         task = TaskSettings.model_validate(task.model_dump() | settings)
     except ValidationError as error:

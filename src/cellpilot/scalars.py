@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cellpilot.errors import InputError
+from cellpilot.learn.history import mean_of_flights
 
 if TYPE_CHECKING:
     from cellpilot.learn.trainer import TrainingProgress
@@ -48,54 +49,51 @@ def is_logged(run_folder: Path) -> bool:
 
 
 class ScalarLog:
-    """One event file of a run; it begins with the first value and follows those that are there already."""
+    """The learning curve of a run in one event file, and the figures of its evaluation in another.
+
+    Each takes the place of an earlier one: a file of a training that was cut off may lack points that were still on their way
+    to the disk, and holds others that are trained again, while the checkpoint has the whole curve.
+    """
 
     def __init__(self, run_folder: Path):
         self._folder = run_folder / FOLDER
-        self._writer: Any = None
+        self._writers: dict[str, Any] = {}
         self._rounds = 0
 
     def add_history(self, history: Mapping[str, np.ndarray], rows: int) -> None:
-        """Write what is new of a learning curve (columns `[rounds]`): the mean of every `rows` rounds, at the last of them."""
+        """Write what is new of a learning curve (columns `[rounds]`): the mean of every `rows` rounds, at the last of them.
+
+        Rounds in which no flight ended have no mean.
+        """
         n = len(history["episode_return"])
-        if self._writer is None and self._files():
-            # What the training before wrote beyond its last checkpoint is trained again, and must not stand twice.
-            self._open(purge_step=n + 1)
-            self._rounds = n
         while self._rounds < n:
             first, self._rounds = self._rounds, min(self._rounds + rows, n)
-            means = {
-                tag: float(np.mean(history[column][first : self._rounds])) for column, tag in TAGS.items() if column in history
-            }
-            self._add(means, self._rounds)
+            rounds = slice(first, self._rounds)
+            means = {tag: mean_of_flights(history, column, rounds) for column, tag in TAGS.items() if column in history}
+            self._add("curve", means, self._rounds)
 
     def add_evaluation(self, policies: Mapping[str, Mapping[str, Any]], step: int) -> None:
         """Write the figures of every policy (`runs.payload(...)["policies"]`); those without a value are left out."""
         for policy, figures in policies.items():
-            known = {name: value for name, value in figures.items() if isinstance(value, int | float) and np.isfinite(value)}
-            self._add({f"evaluation/{name}/{policy}": float(value) for name, value in known.items()}, step)
+            numbers = {name: value for name, value in figures.items() if isinstance(value, int | float)}
+            self._add("evaluation", {f"evaluation/{name}/{policy}": float(value) for name, value in numbers.items()}, step)
 
     def close(self) -> None:
-        """Finish the file."""
-        if self._writer is not None:
-            self._writer.close()
+        """Finish the files."""
+        for writer in self._writers.values():
+            writer.close()
 
-    def _add(self, values: Mapping[str, float], step: int) -> None:
-        if self._writer is None:
-            self._open()
+    def _add(self, part: str, values: Mapping[str, float], step: int) -> None:
+        if part not in self._writers:
+            from tensorboardX import SummaryWriter
+
+            for file in self._folder.glob(f"events.*.{part}"):
+                file.unlink()
+            self._writers[part] = SummaryWriter(str(self._folder), filename_suffix=f".{part}")
         for tag, value in values.items():
-            self._writer.add_scalar(tag, value, step)
-        self._writer.flush()
-
-    def _open(self, purge_step: int | None = None) -> None:
-        from tensorboardX import SummaryWriter
-
-        # Without a number, two files of one second have the same name.
-        suffix = f".{len(self._files())}"
-        self._writer = SummaryWriter(str(self._folder), purge_step=purge_step, filename_suffix=suffix)
-
-    def _files(self) -> list[Path]:
-        return list(self._folder.glob("events.*"))
+            if np.isfinite(value):
+                self._writers[part].add_scalar(tag, value, step)
+        self._writers[part].flush()
 
 
 @contextmanager

@@ -21,7 +21,7 @@ def read_scalars(folder: Path) -> Curves:
     from tensorboardX.proto.event_pb2 import Event, SessionLog
 
     curves: Curves = defaultdict(dict)
-    for file in sorted(folder.glob("events.*"), key=lambda path: int(path.suffix[1:])):
+    for file in sorted(folder.glob("events.*"), key=lambda path: path.suffix):
         content, at = file.read_bytes(), 0
         while at < len(content):
             (length,) = struct.unpack_from("<Q", content, at)
@@ -77,7 +77,41 @@ def test_rounds_beyond_the_checkpoint_are_trained_again_and_stand_once(tmp_path:
     resumed.close()
     curve = read_scalars(tmp_path / "tensorboard")["train/return"]
     values = history["episode_return"]
-    assert curve == pytest.approx({2: values[:2].mean() + 5, 4: values[2:4].mean(), 6: values[4:6].mean()})
+    assert curve == pytest.approx({2: values[:2].mean(), 4: values[2:4].mean(), 6: values[4:6].mean()})
+    assert len(list((tmp_path / "tensorboard").iterdir())) == 1
+
+
+def test_a_resumed_curve_has_no_hole_where_the_last_points_never_reached_the_disk(
+    tmp_path: Path, history: dict[str, np.ndarray]
+) -> None:
+    ask_for_log(tmp_path)
+    killed = ScalarLog(tmp_path)
+    killed.add_history({column: values[:2] for column, values in history.items()}, 2)
+    killed.close()
+    resumed = ScalarLog(tmp_path)  # its checkpoint is four rounds further than the file
+    resumed.add_history({column: values[:6] for column, values in history.items()}, 2)
+    resumed.add_evaluation({"greedy": {"score": 0.0}}, 6)
+    resumed.close()
+    assert read_scalars(tmp_path / "tensorboard")["train/return"].keys() == {2, 4, 6}
+    again = ScalarLog(tmp_path)
+    again.add_history(history, 7)
+    again.close()
+    curves = read_scalars(tmp_path / "tensorboard")
+    assert curves["train/return"].keys() == {7}
+    assert curves["evaluation/score/greedy"] == {6: 0.0}, "the evaluation went with the curve"
+
+
+def test_rounds_in_which_no_flight_ended_are_no_zeros(tmp_path: Path) -> None:
+    gap = np.array([np.nan, np.nan, 4.0, np.nan, 10.0, 1.0])
+    history = dict.fromkeys(("episode_return", "n_steps", "reached"), gap)
+    history |= {"exploration": np.ones(6), "flights": np.array([0, 0, 1, 0, 3, 1.0])}
+    ask_for_log(tmp_path)
+    log = ScalarLog(tmp_path)
+    log.add_history(history, 2)
+    log.close()
+    curves = read_scalars(tmp_path / "tensorboard")
+    assert curves["train/return"] == pytest.approx({4: 4.0, 6: 31 / 4})
+    assert curves["train/exploration"].keys() == {2, 4, 6}
 
 
 def test_run_writes_curve_and_evaluation(place: Path, cli: Cli) -> None:

@@ -23,6 +23,8 @@ from cellpilot.scenario import find_scenario, load_scenario
 from cellpilot.task import Task, Transition
 from cellpilot.world import World
 
+THESIS_2D = "cellpilot/Thesis2D-v0"
+
 MakeWorld = Callable[..., World]
 TASK = Task(rho_goal=7.0, rho_sinr=-1.5, rho_step=-0.25, rho_blocked=-3.0, threshold_db=3.1, max_steps=40)
 
@@ -455,3 +457,67 @@ def test_wrong_calls_are_refused(make_world: MakeWorld) -> None:
     disabled.step(np.full(7, 2))
     with pytest.raises(InputError, match="reset_mask"):
         disabled.step(np.full(7, 2))
+
+
+def test_goals_drawn_from_the_space_lie_in_cells_and_others_are_refused() -> None:
+    env = gymnasium.make(THESIS_2D).unwrapped
+    space = env.observation_space["desired_goal"]
+    space.seed(0)
+    for _ in range(500):
+        cell = env.rules.cells(space.sample())
+        assert 0 <= cell < 400
+    for corner, cell in (([0.05, 0.05], 0), ([1.0, 0.05], 19), ([0.05, 1.0], 380), ([1.0, 1.0], 399)):
+        assert env.rules.cells(np.array(corner, np.float32)) == cell
+    # Half a cell below the first, this goal once counted as reached at the opposite border.
+    achieved = np.array([1.0, 0.05], np.float32)
+    for goal in ([0.0, 0.1], [0.02, 0.5], [1.03, 0.5], [np.nan, 0.5], [0.5, -1.0]):
+        with pytest.raises(InputError, match="lies in no cell"):
+            env.compute_reward(achieved, np.array(goal), {})
+    with pytest.raises(InputError, match="expected 2 coordinates"):
+        env.compute_reward(achieved, np.zeros(3), {})
+
+
+def test_no_info_is_as_an_empty_one() -> None:
+    env = gymnasium.make(THESIS_2D).unwrapped
+    here, there = np.array([0.5, 0.5], np.float32), np.array([[0.5, 0.5], [0.1, 0.1]], np.float32)
+    assert env.compute_reward(here, here, None) == env.compute_reward(here, here, {})
+    rows = np.stack([here, here])
+    expected = env.compute_reward(rows, there, [{}, {}])
+    for info in (None, [None, None], np.array([None, None]), np.array([{}, {}])):
+        np.testing.assert_array_equal(env.compute_reward(rows, there, info), expected)
+    noisy = gymnasium.make("cellpilot/Thesis2DNoise-v0").unwrapped
+    with pytest.raises(InputError, match="info holds no sinr_db"):
+        noisy.compute_reward(here, here, None)
+
+
+def test_many_flights_take_gymnasiums_own_cap_on_steps() -> None:
+    many = gymnasium.make_vec(THESIS_2D, num_envs=2, max_episode_steps=5, start=(0, 0, 0), goal=(19, 19, 0))
+    many.reset(seed=0)
+    ended = [many.step(np.zeros(2, np.int64))[3].all() for _ in range(5)]
+    assert ended == [False] * 4 + [True]
+    assert gymnasium.make_vec(THESIS_2D, max_episode_steps=10_000).rules.task.max_steps == 400
+
+
+@pytest.mark.parametrize("place", [np.array([3, 4, 0]), (np.int64(3), np.int32(4), np.uint8(0)), [3, 4, 0], (3, 4, 0)])
+def test_starts_and_goals_may_be_any_whole_numbers(place: object) -> None:
+    env = gymnasium.make(THESIS_2D, start=place, goal=(9, 9, 0)).unwrapped
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_allclose(observation["observation"], [4 / 20, 5 / 20])
+    again, _ = env.reset(options={"start": place})
+    np.testing.assert_array_equal(observation["observation"], again["observation"])
+
+
+def test_a_place_of_other_than_three_whole_numbers_is_refused() -> None:
+    for place in ((1.5, 2, 0), "12", (1, 2), 7):
+        with pytest.raises(InputError, match="is no position; expected three whole numbers"):
+            gymnasium.make(THESIS_2D, start=place)
+
+
+def test_actions_are_single_whole_numbers() -> None:
+    env = gymnasium.make(THESIS_2D).unwrapped
+    env.reset(seed=0)
+    for action in (1, np.int64(1), np.array(1), np.uint8(1)):
+        env.step(action)
+    for action in (np.array([1]), 1.0, "1", None, np.array([0, 1]), -1, 4):
+        with pytest.raises(InputError, match=r"action is .*; expected"):
+            env.step(action)

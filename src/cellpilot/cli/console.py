@@ -62,9 +62,9 @@ def training_bar(rounds: int, counts: str, explores: str) -> "Iterator[Callable[
         def show(progress: "TrainingProgress") -> None:
             speed = bar.tasks[0].speed
             rate = f"{speed:,.0f} {counts}/s" if speed else ""
-            facts = (
-                f"return {progress.return_mean:+.2f}  reached {progress.reached_share:.1%}  {explores} {progress.exploration:.2f}"
-            )
+            known = progress.return_mean == progress.return_mean  # NaN: no flight has ended
+            means = f"return {progress.return_mean:+.2f}  reached {progress.reached_share:.1%}" if known else "no flight ended"
+            facts = f"{means}  {explores} {progress.exploration:.2f}"
             bar.update(task, completed=progress.done, rate=rate, facts=facts)
 
         yield show

@@ -7,6 +7,7 @@ from pathlib import Path
 from statistics import mean, stdev
 from typing import TYPE_CHECKING
 
+import numpy as np
 from pydantic import Field
 from rich.table import Table
 
@@ -15,7 +16,9 @@ from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse, parse_scenario
 from cellpilot.errors import InputError, WriteError
 from cellpilot.experiment import divergence_warning, make_learner, threshold_warning
-from cellpilot.runs import Run, create_run, evaluate_run, is_occupied, open_run, payload, save_evaluation, train_runs
+from cellpilot.learn.history import mean_of_flights
+from cellpilot.provenance import usable_cores
+from cellpilot.runs import Run, create_run, evaluate_run, is_occupied, open_run, payload, read_facts, save_evaluation, train_runs
 from cellpilot.scalars import ask_for_log, log_evaluation, logged_progress, require_writer
 from cellpilot.scenario import EvaluationSettings, Paths, Settings
 from cellpilot.storage import hold
@@ -81,7 +84,9 @@ def prepare(arguments: Sequence[str], verb: str, description: str, held: ExitSta
         for folder in resumed.resume:
             if folder.is_dir():
                 held.enter_context(hold(folder))
-        return _logged([open_run(folder) for folder in resumed.resume], resumed.tensorboard)
+        runs = [open_run(folder) for folder in resumed.resume]
+        warn(_cores_warning(runs))
+        return _logged(runs, resumed.tensorboard)
     description += f" To go on with an interrupted run: cellpilot {verb} --resume RUN ..."
     options, scenario = parse_scenario(RunOptions, arguments, verb, description)
     seeds = range(options.seed, options.seed + options.seeds)
@@ -99,6 +104,17 @@ def prepare(arguments: Sequence[str], verb: str, description: str, held: ExitSta
     runs = [create_run(new[i], scenario, seed, command_line(), options.force, len(seeds)) for i, seed in enumerate(seeds)]
     warn(threshold_warning(runs[0].world, runs[0].task.threshold_db))
     return _logged(runs, options.tensorboard)
+
+
+def _cores_warning(runs: Sequence[Run]) -> str | None:
+    """What to say where a training goes on with another number of cores, and so to another result; None where it does not."""
+    began = {cores for run in runs if (cores := read_facts(run.folder).cores) is not None}
+    if not began - {usable_cores()} or runs[0].scenario.learner.algorithm != "fqi-her":
+        return None
+    return (
+        f"the training began on {' and '.join(map(str, sorted(began)))} core(s) and goes on with {usable_cores()}:"
+        " FQI-HER ends in another policy than on either alone"
+    )
 
 
 def _logged(runs: list[Run], tensorboard: bool) -> list[Run]:
@@ -119,7 +135,7 @@ def train_with_bar(runs: Sequence[Run]) -> "list[TrainingResult] | None":
                 show(progress)
                 log(progress)
 
-            results = train_runs(runs, both)
+            results = train_runs(runs, both, lambda: err.print("stopping; Ctrl-C again to stop at once"))
     except WriteError as error:
         raise WriteError(f"{error}; then go on with --resume {_folders(runs)}") from None
     except ImportError as error:
@@ -158,9 +174,12 @@ def training_over_seeds(results: "Sequence[TrainingResult]") -> Table:
     """Return and share that reached over the last tenth of training: each seed, then mean and standard deviation."""
     table = seeds_table(len(results), "seed", ("return", "reached [%]"))
     last = max(1, results[0].settings.rounds // 10)
-    figures = [[float(result.history[name][-last:].mean()) for name in ("episode_return", "reached")] for result in results]
+    mean_of = lambda result, name: mean_of_flights(result.history, name, slice(-last, None))
+    means = [[mean_of(result, name) for name in ("episode_return", "reached")] for result in results]
+    figures = [[None if np.isnan(mean) else mean for mean in row] for row in means]
     for seed, (mean_return, reached) in zip((result.seed for result in results), figures, strict=True):
-        table.add_row(str(seed), f"{mean_return:.3f}", f"{100 * reached:.3f}")
+        words = ["-" if value is None else f"{scale * value:.3f}" for value, scale in ((mean_return, 1), (reached, 100))]
+        table.add_row(str(seed), *words)
     returns, reached_shares = zip(*figures, strict=True)
     table.add_row("mean ± sd", mean_and_spread(returns, 1), mean_and_spread(reached_shares, 100))
     return table

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from cellpilot.envs.backend import check_backend
 from cellpilot.grid import Position
 from cellpilot.world import World
 
@@ -42,8 +43,10 @@ class Arena:
 def make_arena(world: World, start: Position | None = None, goal: Position | None = None) -> Arena:
     """The arena of a world; starts and goals are all free cells unless one is given.
 
-    `InputError` for a given cell that is blocked or cut off, or a start and a goal that cannot reach each other.
+    `InputError` for a given cell that is blocked or cut off, a start and a goal that cannot reach each other, or a JAX without
+    a device.
     """
+    check_backend()
     starts, goals = world.start_goal_cells(start, goal)
     parts = np.intersect1d(world.part[starts], world.part[goals])
     starts, start_offset, start_count = _grouped(starts, world.part, parts)

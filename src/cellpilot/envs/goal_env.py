@@ -1,5 +1,6 @@
 """One flight as a goal-conditioned Gymnasium environment."""
 
+import operator
 from typing import Any
 
 import gymnasium
@@ -65,6 +66,10 @@ class GoalEnv(gymnasium.Env[Observation, np.int64]):
         """Observation, reward, terminated, truncated, facts of the step."""
         if not self._path:
             raise gymnasium.error.ResetNeeded("call reset before step")
+        try:
+            action = operator.index(action)  # type: ignore[assignment]
+        except TypeError:
+            raise InputError(f"action is {action!r}; expected one whole number from 0 to {self._n_actions - 1}") from None
         if not 0 <= action < self._n_actions:
             raise InputError(f"action is {action}; expected 0 to {self._n_actions - 1}")
         cell, task, noise_std_db = self._path[-1], self.rules.task, self.rules.world.noise_std_db

@@ -58,8 +58,9 @@ class GoalRules:
 
     @property
     def observation_space(self) -> spaces.Dict:
-        """Position, position again as the goal achieved, and the goal desired, each in (0, 1]."""
-        box = lambda: spaces.Box(0.0, 1.0, (len(self.sides),), np.float32)
+        """Position, position again as the goal achieved, and the goal desired: from that of the first cell to 1."""
+        lowest = (1 / self.sides).astype(np.float32)
+        box = lambda: spaces.Box(lowest, np.ones_like(lowest), dtype=np.float32)
         return spaces.Dict({"observation": box(), "achieved_goal": box(), "desired_goal": box()})
 
     @property
@@ -79,8 +80,20 @@ class GoalRules:
         return {"observation": here, "achieved_goal": here.copy(), "desired_goal": self.coordinates[goal]}
 
     def cells(self, coordinates: NDArray[np.floating]) -> IntArray:
-        """Cells `[...]` of achieved or desired goals `[..., dims]`."""
-        nearest = np.rint(np.asarray(coordinates) * self.sides - 1).astype(np.int64)
+        """The nearest cells `[...]` of achieved or desired goals `[..., dims]`; `InputError` for one that lies in none."""
+        coordinates = np.asarray(coordinates)
+        if coordinates.ndim == 0 or coordinates.shape[-1] != len(self.sides):
+            raise InputError(
+                f"goals have shape {coordinates.shape}; expected {len(self.sides)} coordinates in the last dimension"
+            )
+        place = np.rint(coordinates * self.sides - 1)
+        inside = (place >= 0) & (place < self.sides)  # NaN is not
+        if not inside.all():
+            wrong = coordinates[~inside.all(-1)].reshape(-1, len(self.sides))[0].tolist()
+            raise InputError(
+                f"the goal {wrong} lies in no cell; expected coordinates as in observation_space, from 1 / side to 1"
+            )
+        nearest = place.astype(np.int64)
         return np.asarray(nearest @ np.cumprod([1, *self.sides[:-1]]))
 
     def draw_pairs(self, rng: np.random.Generator, n: int, options: Mapping[str, Any] | None = None) -> tuple[IntArray, IntArray]:
@@ -89,7 +102,7 @@ class GoalRules:
             return self.world.draw_pairs(rng, n, *self._usual_cells)
         if unknown := options.keys() - {"start", "goal"}:
             raise InputError(f"reset: unknown option {sorted(unknown)[0]!r}; expected start or goal, a position (ix, iy, iz)")
-        start, goal = _place(options.get("start", self.start)), _place(options.get("goal", self.goal))
+        start, goal = place_of(options.get("start", self.start)), place_of(options.get("goal", self.goal))
         return self.world.draw_pairs(rng, n, *self.world.start_goal_cells(start, goal))
 
     def reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
@@ -122,19 +135,21 @@ class GoalRules:
         return (n_steps >= self.task.max_steps) & ~self.terminated(achieved_goal, desired_goal)
 
 
-def _place(position: Sequence[int] | None) -> Position | None:
+def place_of(position: Sequence[int] | None) -> Position | None:
     """A position of plain integers, so that a message shows it as it was written."""
     if position is None:
         return None
     try:
         ix, iy, iz = (operator.index(i) for i in position)
     except (TypeError, ValueError):
-        raise InputError(f"reset: {position!r} is no position; expected three whole numbers (ix, iy, iz)") from None
+        raise InputError(f"{position!r} is no position; expected three whole numbers (ix, iy, iz)") from None
     return ix, iy, iz
 
 
-def _fact(info: Info, name: str) -> NDArray[Any] | None:
-    """One fact of all steps as an array; None where it was not recorded."""
+def _fact(info: Info | None, name: str) -> NDArray[Any] | None:
+    """One fact of all steps as an array; None where it was not recorded. Some replay buffers hand over no `info` at all."""
+    if info is None or any(row is None for row in info):
+        return None
     if isinstance(info, Mapping):
         return np.asarray(info[name]) if name in info else None
     try:

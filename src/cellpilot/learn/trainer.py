@@ -19,12 +19,15 @@ from cellpilot.errors import InputError
 from cellpilot.learn.algorithms.base import AlgorithmSettings
 from cellpilot.learn.algorithms.table import ALGORITHMS, TrainState
 from cellpilot.learn.checkpoint import load_state, save_state
-from cellpilot.learn.compile import compile_ahead
+from cellpilot.learn.compile import compile_ahead, single_precision
+from cellpilot.learn.history import mean_of_flights
 from cellpilot.learn.seeds import compile_chunk
 from cellpilot.policies.learned import PolicyParameters
 from cellpilot.task import Task
 
 CHECKPOINT_EVERY_S = 10.0
+STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+"""Signals that end a training with a checkpoint."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,8 @@ class TrainingProgress:
 
     done: int  # episodes, or rounds
     rounds: int  # of the whole training
-    return_mean: float  # of the last chunk
-    reached_share: float  # of the last chunk
+    return_mean: float  # of the flights that ended in the last chunk; NaN if none did
+    reached_share: float  # of the same
     exploration: float
     histories: Callable[[], list[dict[str, np.ndarray]]]  # learning curve of each seed so far
 
@@ -46,7 +49,7 @@ class TrainingResult:
     settings: AlgorithmSettings
     seed: int
     state: TrainState
-    history: dict[str, np.ndarray]  # episode_return, n_steps, reached, exploration `[rounds]`
+    history: dict[str, np.ndarray]  # episode_return, n_steps, reached, exploration `[rounds]`; NaN where no flight ended
     finished: bool
     train_wall_s: float  # without compilation, summed over resumed parts
     compile_s: float  # of this part
@@ -73,13 +76,15 @@ def train(
     chunk_rounds: int | None = None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
     interrupted: Callable[[], bool] = lambda: False,
+    noticed: Callable[[], None] = lambda: None,
 ) -> TrainingResult:
     """Train until all rounds are done or an interrupt arrives, going on from `checkpoint` if it exists.
 
-    An interrupt is Ctrl-C in the main thread, or `interrupted()` becoming true.
+    An interrupt is Ctrl-C in the main thread, which calls `noticed` at once, or `interrupted()` becoming true.
 
     `fingerprint` names map, task and settings; a checkpoint with another one is refused. The result is a function of
-    (settings, task, arena, seed) on one machine, however often training was cut.
+    (settings, task, arena, seed) on one machine, however often training was cut. FQI-HER also depends on the number of
+    cores, among which the compiler divides its sums: `run.json` of a run has it.
     """
     return train_many(
         settings,
@@ -92,9 +97,11 @@ def train(
         chunk_rounds=chunk_rounds,
         checkpoint_every_s=checkpoint_every_s,
         interrupted=interrupted,
+        noticed=noticed,
     )[0]
 
 
+@single_precision
 def train_many(
     settings: AlgorithmSettings,
     task: Task,
@@ -107,6 +114,7 @@ def train_many(
     chunk_rounds: int | None = None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
     interrupted: Callable[[], bool] = lambda: False,
+    noticed: Callable[[], None] = lambda: None,
 ) -> list[TrainingResult]:
     """`train` for several seeds in one compiled program, spread over all local devices; one result per seed.
 
@@ -148,7 +156,7 @@ def train_many(
 
     if any(run.done for run in runs):
         show(length)
-    with interruptible() as signalled:
+    with interruptible(noticed) as signalled:
         stop = lambda: signalled.is_set() or interrupted()
         fresh = [run for run in runs if run.fresh]
         if fresh and algorithm.fill_replay is not None:
@@ -239,19 +247,21 @@ class _Clock:
 
 
 @contextmanager
-def interruptible() -> Iterator[threading.Event]:
-    """Within this block Ctrl-C and a polite kill only set the event: donated buffers are gone inside a chunk.
+def interruptible(noticed: Callable[[], None] = lambda: None) -> Iterator[threading.Event]:
+    """Within this block Ctrl-C, a polite kill and a closed terminal only set the event: donated buffers are gone in a chunk.
 
-    A second Ctrl-C acts as usual. Outside the main thread nothing is changed.
+    `noticed` is called at once, for a chunk or a compilation may take a while. A second Ctrl-C acts as usual. Outside the main
+    thread nothing is changed.
     """
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in STOPS}
 
     def note(number: int, frame: FrameType | None) -> None:
         event.set()
+        noticed()
         signal.signal(number, before[signal.Signals(number)])
 
     for number in before:
@@ -275,7 +285,8 @@ def _append(history: dict[str, np.ndarray], rows: Any, n: int) -> dict[str, np.n
 def _progress(settings: AlgorithmSettings, runs: Sequence[_Run], n: int) -> TrainingProgress:
     """Means over the runs, of the last `n` rounds of each."""
     done = sum(run.done for run in runs) // len(runs)
-    last = lambda name: float(np.mean([run.history[name][-n:].mean() for run in runs if run.done]))
+    means = lambda name: [mean_of_flights(run.history, name, slice(-n, None)) for run in runs if run.done]
+    last = lambda name: float(np.mean([mean for mean in means(name) if not np.isnan(mean)] or [np.nan]))
     return TrainingProgress(
         done=done,
         rounds=settings.rounds,

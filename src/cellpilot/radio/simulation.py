@@ -1,6 +1,5 @@
 """Received power, serving sector and SINR of a deployment at points in space."""
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from cellpilot.errors import InputError, RangeError
+from cellpilot.provenance import usable_cores
 from cellpilot.radio import fast
 from cellpilot.radio.deployment import Deployment
 from cellpilot.radio.environment import Environment
@@ -179,13 +179,9 @@ def _for_each_level(
             at = above[points.z_m[above] == height_m]
             use(at, sight.sector_power_dbm(height_m, points.place[at] - places.start))
 
-    with ThreadPoolExecutor(_usable_cores()) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         for _ in pool.map(chunk, range(len(starts))):
             pass
-
-
-def _usable_cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _check_nlos(environment: str, model: Environment, points: _Points, shadowed: bool) -> None:

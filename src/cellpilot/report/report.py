@@ -94,6 +94,7 @@ def _of_training(about: RunFacts) -> dict[str, Any]:
         "compilation": _seconds(about.compile_s),
         "updates": None if about.updates is None else count(about.updates),
         "environment steps": None if about.env_steps is None else count(about.env_steps),
+        "cores": about.cores,
         "command": about.command,
         "versions": _versions(about.versions),
     }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cellpilot.errors import InputError
 from cellpilot.experiment import check_learner, make_map, make_task, shipped_policy
 from cellpilot.policies import OptimalPolicy, PolicyParameters, load_parameters
-from cellpilot.provenance import versions
+from cellpilot.provenance import usable_cores, versions
 from cellpilot.runs.files import FACTS, MAP, MARKERS, NOT_A_RUN, SCENARIO, holds_run, is_occupied, read_facts, remove_run
 from cellpilot.scenario import SHIPPED, Scenario, dump_scenario, find_scenario, load_scenario
 from cellpilot.storage import hold, read_json, write_atomically, write_json
@@ -90,7 +90,8 @@ def _write_run(run: Run, command: str) -> None:
     """The files that make a run. Only with the last of them, the scenario, it is one: see `is_occupied`."""
     from cellpilot.maps import save_map
 
-    facts = {"seed": run.seed, "command": command, "versions": versions(), "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+    started = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+    facts = {"seed": run.seed, "command": command, "versions": versions(), "cores": usable_cores(), "started": started}
     write_json(run.folder / FACTS, facts)
     save_map(run.radio_map, run.folder / MAP)
     write_atomically(run.folder / SCENARIO, dump_scenario(run.scenario))

@@ -22,7 +22,9 @@ def train_run(run: Run, progress: "Callable[[TrainingProgress], None]" = lambda 
 
 
 def train_runs(
-    runs: Sequence[Run], progress: "Callable[[TrainingProgress], None]" = lambda progress: None
+    runs: Sequence[Run],
+    progress: "Callable[[TrainingProgress], None]" = lambda progress: None,
+    noticed: Callable[[], None] = lambda: None,
 ) -> "list[TrainingResult]":
     """`train_run` for runs that differ in their seed alone, all in one compiled program; `InputError` if they differ in more."""
     from cellpilot.envs.arena import make_arena
@@ -44,6 +46,7 @@ def train_runs(
         checkpoints=[run.folder / "state.safetensors" for run in runs],
         fingerprint=mark,
         progress=progress,
+        noticed=noticed,
     )
     for run, result in zip(runs, results, strict=True):
         if result.finished:
@@ -74,6 +77,7 @@ def _write_history(run: Run, result: "TrainingResult") -> None:
         "episode_return": "return of the exploring policy",
         "n_steps": "steps flown",
         "reached": "goal reached",
+        "flights": "flights that ended",
         "exploration": settings.explores_by,
     }
     dataset = xr.Dataset(

@@ -69,16 +69,17 @@ class FittedState:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class RoundStatistics:
-    """Means over the flights that ended in a round; fields `[rounds]` once stacked."""
+    """Means over the flights that ended in a round, NaN where none did; fields `[rounds]` once stacked."""
 
     episode_return: Float[Array, "..."]
     n_steps: Float[Array, "..."]
     reached: Float[Array, "..."]
+    flights: Float[Array, "..."]  # that ended
 
 
 def empty_rows(length: int) -> RoundStatistics:
     """Room for the statistics of `length` rounds."""
-    return RoundStatistics(jnp.zeros(length), jnp.zeros(length), jnp.zeros(length))
+    return RoundStatistics(*(jnp.zeros(length) for _ in range(4)))
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -152,8 +153,8 @@ def collect(
     start = (state.flights, state.memory, jnp.zeros(4))
     (flights, memory, ended), _ = jax.lax.scan(fly_step, start, jax.random.split(key, settings.steps_per_round))
     n, total, n_steps, reached = ended
-    n = jnp.maximum(n, 1.0)
-    return flights, memory, RoundStatistics(total / n, n_steps / n, reached / n)
+    mean = lambda sum_: jnp.where(n > 0, sum_ / jnp.maximum(n, 1.0), jnp.nan)
+    return flights, memory, RoundStatistics(mean(total), mean(n_steps), mean(reached), n)
 
 
 def renew_targets(

@@ -20,6 +20,7 @@ from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.fqi_her import FittedState, initial_state, learned_policy, optimize, renew_targets, train_chunk
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import receiver, start_and_goal
+from cellpilot.learn.compile import single_precision
 from cellpilot.learn.penalty import Measurements, measure, penalty_model
 from cellpilot.policies import LearnedPolicy
 from cellpilot.task import Task
@@ -35,6 +36,7 @@ class OnlineSettings:
     temperature: float = 0.1  # of the Boltzmann policy that flies
 
 
+@single_precision
 def train_beforehand(settings: FQIHER, world: World, task: Task, seed: int) -> FittedState:
     """FQI-HER trained in `world`, all rounds in one call.
 
@@ -46,6 +48,7 @@ def train_beforehand(settings: FQIHER, world: World, task: Task, seed: int) -> F
     return train_chunk(state, arena, jnp.int32(seed), jnp.int32(rounds), settings=settings, task=task, length=rounds)[0]
 
 
+@single_precision
 def remembered(memory: Measurements) -> Measurements:
     """Each measured cell as if it had been measured twice, with its mean and spread."""
     count = jnp.maximum(memory.count, 1)
@@ -65,6 +68,7 @@ def remembered(memory: Measurements) -> Measurements:
     )
 
 
+@single_precision
 @partial(jax.jit, static_argnames=("settings", "task", "n_rounds"))
 def learn_from_flight(
     state: FittedState,
@@ -131,6 +135,7 @@ def learn_online(
         yield argmax_policy(state, settings, world.grid, task)
 
 
+@single_precision
 def argmax_policy(state: FittedState, settings: FQIHER, grid: Grid, task: Task) -> LearnedPolicy:
     """What the state flies."""
     return LearnedPolicy(learned_policy(state, settings, grid.sides, {"task": asdict(task)}), grid)
