@@ -141,3 +141,13 @@ def test_metrics_of_mobility() -> None:
     names = ("handovers_per_km", "ping_pong_share", "links_lost_per_km", "serving_loss_mean_db", "longest_outage_p90_s")
     assert [metric(name, flown) for name in names] == [6.0, 0.5, 2.0, 0.5, 9.0]
     assert [metric(name, Mobility()) for name in names] == [None] * 5
+
+
+def test_a_step_that_stays_takes_as_long_as_one_to_the_nearest_cell() -> None:
+    grid = Grid((0.0, 50.0, 100.0), (0.0, 40.0), (30.0, 60.0, 200.0))
+    n = grid.n_cells
+    world = World(grid, np.zeros(n, np.float32), np.zeros(n, np.float32), 0.0, np.zeros(n, bool))
+    for cell, next_cell, length_m in ((0, 0, 30.0), (0, 1, 50.0), (0, 3, 40.0), (0, 6, 30.0), (6, 12, 140.0), (12, 12, 30.0)):
+        ride = Ride(world, HandoverRule(speed_mps=10.0), np.array([cell]))
+        ride.step(np.array([0]), np.array([cell]), np.array([next_cell]), np.array([True]))
+        assert ride.mobility.outages_s.tolist() == [pytest.approx(length_m / 10.0)]

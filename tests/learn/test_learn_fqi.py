@@ -207,3 +207,61 @@ def test_an_uncertain_map_is_one_map_during_a_flight() -> None:
 def test_rewards_that_distance_does_not_bound_are_refused() -> None:
     with pytest.raises(InputError, match="fqi-her needs"):
         SMALL.check_fits(Task(rho_step=0.1))
+
+
+def test_a_training_flight_ends_at_its_cap_and_not_a_step_later() -> None:
+    world, cap = make_world(0, (8, 8, 1)), 3
+    task = Task(max_steps=cap)
+    arena = make_arena(world, (0, 0, 0), (7, 7, 0))  # fourteen steps away
+    settings = replace(SMALL, steps_per_round=cap)
+    state = fqi_her.initial_state(settings, arena, 0)
+    penalty = penalty_model(state.memory, task.threshold_db)
+    flights, _, statistics = fqi_her.collect(jax.random.key(1), settings, arena, task, state, penalty)
+    assert (float(statistics.flights), float(statistics.n_steps), float(statistics.reached)) == (settings.flights, cap, 0.0)
+    assert flights.n_steps.tolist() == [0] * settings.flights
+
+
+def test_a_round_in_which_no_flight_ends_has_no_value() -> None:
+    task = Task(max_steps=400)
+    arena = make_arena(make_world(0, (8, 8, 1)), (0, 0, 0), (7, 7, 0))
+    result = train(replace(SMALL, rounds=6, steps_per_round=4, flights=4), task, arena, 0)
+    ended = result.history["flights"] > 0
+    assert not ended.all()
+    for name in ("episode_return", "n_steps", "reached"):
+        np.testing.assert_array_equal(np.isnan(result.history[name]), ~ended)
+
+
+def test_the_learning_rate_falls_to_its_end_and_is_the_one_that_is_used() -> None:
+    settings = replace(SMALL, rounds=100, learning_rate=2e-3, final_learning_rate=0.0)
+    rates = [float(fqi_her.learning_rate_at(settings, jnp.int32(round_))) for round_ in (0, 25, 50, 75, 100)]
+    np.testing.assert_allclose(rates, [2e-3, 1.7071e-3, 1e-3, 0.2929e-3, 0.0], atol=1e-7)
+    task, arena = Task(max_steps=60), make_arena(make_world(1))
+    state = fqi_her.run_round(jax.random.key(0), settings, arena, task, fqi_her.initial_state(settings, arena, 0))[0]
+    penalty = penalty_model(state.memory, task.threshold_db)
+
+    def change(round_: int) -> float:
+        at = replace(state, round=jnp.int32(round_))
+        fitted = fqi_her.optimize(jax.random.key(1), settings, arena, task, at, penalty)
+        return float(jnp.abs(fitted.online.weight - state.online.weight).max())
+
+    assert change(99) < 0.1 * change(1)
+    assert change(100) == 0.0
+
+
+def test_hindsight_goals_are_cells_that_a_flight_has_entered() -> None:
+    task, arena = Task(max_steps=60), make_arena(make_world(2, (8, 8, 1)))
+    settings = replace(SMALL, goals_per_round=6)
+    state = fqi_her.initial_state(settings, arena, 0)
+    entered = jnp.array([3, 9, 10, 27, 40, 41, 50, 63], jnp.int32)
+    state = replace(state, memory=measure(state.memory, entered, jnp.zeros(8)))
+    penalty = penalty_model(state.memory, task.threshold_db)
+    drawn: set[int] = set()
+    for round_ in range(6):
+        state = replace(state, round=jnp.int32(round_))
+        cache = fqi_her.renew_targets(jax.random.key(round_), settings, arena, task, state, penalty)
+        renewed = np.flatnonzero(np.asarray(cache.renewed) == round_ + 1)
+        assert len(renewed) == 6
+        assert set(renewed.tolist()) <= set(entered.tolist())
+        drawn |= set(renewed.tolist())
+        state = replace(state, cache=cache)
+    assert drawn == set(entered.tolist())
