@@ -177,3 +177,14 @@ def test_a_picture_of_an_unknown_kind_is_not_written(desk: Path, cli: Cli, call:
     assert (result.code, result.out) == (2, "")
     assert result.err == "cellpilot: a.gif: expected a picture's name ending in .png, .pdf, .svg\n"
     assert tree(desk) == before
+
+
+@pytest.mark.parametrize("name", [r"$\frac{$", "a$b$c", "東\x1b", "$x$"])
+def test_names_are_drawn_as_they_are(place: Path, cli: Cli, name: str) -> None:
+    (place / "a.msi").write_text(ANTENNA.replace("NAME panel", f"NAME {name}"), encoding="utf-8")
+    (place / "plain.nc").rename(place / f"{name}.nc".replace("\x1b", ""))
+    file = f"{name}.nc".replace("\x1b", "")
+    for call in (("map", "antenna", "a.msi", "--out", "a.png"), ("map", "compare", file, file), ("map", "show", file)):
+        result = cli(*call)
+        assert result.code == 0, result.err
+        assert result.err == ""

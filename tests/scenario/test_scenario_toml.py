@@ -25,9 +25,11 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 positive = st.floats(min_value=0, exclude_min=True, allow_infinity=False)
 non_negative = st.floats(min_value=0, allow_infinity=False)
 share = st.floats(min_value=0, max_value=1, exclude_min=True)
-count = st.integers(min_value=1, max_value=10**12)
+count = st.integers(min_value=1, max_value=2**31 - 1)
 # Any text a person or an editor can save: everything but halves of surrogate pairs.
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+# A name becomes a folder: see `Name`.
+names = st.text(st.sampled_from("aZ9_äß東 .-+,()"), min_size=1, max_size=20).map(lambda name: f"n{name}n")
 paths = text.map(Path)
 cells = st.none() | st.tuples(st.integers(-5, 99), st.integers(-5, 99), st.integers(-5, 99))
 pairs = st.tuples(finite, finite)
@@ -75,7 +77,7 @@ tasks = st.builds(
     threshold_db=finite,
     noise_std_db=non_negative,
     discount=share,
-    max_steps=st.none() | count,
+    max_steps=st.none() | st.integers(1, 10**7),
     start=cells,
     goal=cells,
 )
@@ -108,14 +110,14 @@ learners = st.builds(
 )
 evaluations = st.builds(
     EvaluationSettings,
-    n_sampled=count,
+    n_sampled=st.integers(1, 10**7),
     seed=st.integers(0, 2**40),
-    boltzmann_temperature=positive,
+    boltzmann_temperature=st.floats(min_value=0, max_value=1e6, exclude_min=True),
     max_exhaustive_pairs=st.integers(0, 10**12),
 )
 scenarios = st.builds(
     Scenario,
-    name=text,
+    name=names,
     map=simulated | measured | st.builds(MapFile, path=paths),
     task=tasks,
     learner=learners,

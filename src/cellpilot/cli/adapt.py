@@ -28,8 +28,12 @@ if TYPE_CHECKING:
 class AdaptOptions(Settings):
     """Options of `adapt`."""
 
-    a: tyro.conf.Positional[str] = Field(description="what was prepared on: map file (.nc), measured log (.csv) or scenario")
-    b: tyro.conf.Positional[str] = Field(description="the unknown truth, same grid: map file (.nc), log (.csv) or scenario")
+    a: tyro.conf.Positional[str] = Field(
+        description="what was prepared on: map file of any format, measured log (.csv) or scenario"
+    )
+    b: tyro.conf.Positional[str] = Field(
+        description="the unknown truth, same grid: map file of any format, log (.csv) or scenario"
+    )
     flights: int = Field(100, ge=1, le=10_000, description="flights on the unknown network")
     seeds: int = Field(20, ge=1, description="seeds 0..N-1 of each arm")
     arms: tuple[str, ...] = Field(tuple(ARMS), description="what is compared", strict=False)

@@ -3,11 +3,13 @@
 import contextlib
 import io
 import re
+import shlex
 import sys
 from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 import tyro
 from pydantic import BaseModel, Field, ValidationError
@@ -27,6 +29,7 @@ from cellpilot.scenario import (
     describe,
     find_scenario,
     load_scenario,
+    one_name,
 )
 from cellpilot.storage import resolved
 
@@ -52,7 +55,7 @@ def parse_scenario(kind: type[InScenario], arguments: Sequence[str], verb: str, 
     found = scenario_argument(arguments)
     name, scenario = found if found else ("thesis-2d", Scenario(name="thesis-2d"))
     if map_file is not None:
-        scenario = scenario.model_copy(update={"map": MapFile(path=map_file), "name": f"{scenario.name}-on-{map_file.stem}"})
+        scenario = scenario.model_copy(update={"map": MapFile(path=map_file), "name": _name_on(scenario.name, map_file)})
     if (algorithm := _asked_algorithm(arguments)) not in (None, scenario.learner.algorithm):
         scenario = scenario.model_copy(update={"learner": LEARNERS[algorithm]()})
     _refuse_other_learner(arguments, scenario)
@@ -60,6 +63,14 @@ def parse_scenario(kind: type[InScenario], arguments: Sequence[str], verb: str, 
     default = kind(scenario=name, **{section: getattr(scenario, section) for section in sections})
     options = parse(kind, arguments, f"cellpilot {verb}", f"{description} --map FILE: on that map.", default)
     return options, scenario.model_copy(update={section: getattr(options, section) for section in sections})
+
+
+def _name_on(scenario: str, map_file: Path) -> str:
+    """The name of a scenario on another map; without that of the map where no folder can be called so."""
+    try:
+        return one_name(f"{scenario}-on-{map_file.stem}")
+    except ValueError:
+        return f"{scenario}-on-another-map"
 
 
 def _asked_map(arguments: Sequence[str]) -> tuple[list[str], Path | None]:
@@ -120,7 +131,26 @@ def parse(kind: type[Options], arguments: Sequence[str], prog: str, description:
     except SystemExit as error:
         if not error.code:
             raise
-        raise InputError(_message(box.getvalue(), prog)) from error
+        raise InputError(_message(box.getvalue(), prog) + _nearest(box.getvalue(), kind)) from error
+
+
+def _nearest(box: str, kind: type[BaseModel]) -> str:
+    """The option that a mistyped one may have been meant for."""
+    unknown = re.search(r"Unrecognized options: (--[\w.-]+)", " ".join(box.split()))
+    near = get_close_matches(unknown[1].replace("_", "-"), flags_of(kind), 1) if unknown else []
+    return f"; perhaps you meant {near[0]}" if near else ""
+
+
+def flags_of(kind: type[BaseModel], prefix: str = "--") -> list[str]:
+    """All options of a command, those of its sections too."""
+    flags = []
+    for name, field in kind.model_fields.items():
+        renamed = [item.name for item in field.metadata if getattr(item, "name", None)]
+        flag = f"{prefix}{(renamed or [name])[0].replace('_', '-')}"
+        sections = [part for part in (field.annotation, *get_args(field.annotation)) if isinstance(part, type)]
+        models = [part for part in sections if issubclass(part, BaseModel)]
+        flags += [flag] if not models else [each for model in models for each in flags_of(model, f"{flag}.")]
+    return list(dict.fromkeys(flags))
 
 
 def _message(box: str, prog: str) -> str:
@@ -164,7 +194,7 @@ def scenario_argument(arguments: Sequence[str]) -> tuple[str, Scenario] | None:
 
 def command_line() -> str:
     """The command as it was called, for provenance: the program by name, without the folder it lies in."""
-    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
 def refuse_idle(options: Settings, names: Sequence[str], why: str, section: str = "") -> None:

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from cellpilot.learn.trainer import TrainingProgress, TrainingResult
 
 
+FIXED = ("--learner.", "--map.", "--task.", "--evaluation.", "--seed", "--out", "--force")
+"""How the options begin that a run which goes on cannot take."""
+
+
 class RunOptions(ScenarioOptions):
     """Options of `run` and `train`."""
 
@@ -77,6 +81,7 @@ def _evaluate_and_report(runs: Sequence[Run]) -> None:
 def prepare(arguments: Sequence[str], verb: str, description: str, held: ExitStack) -> list[Run]:
     """The runs to train, one per seed: new folders, or those named by `--resume`; all are held until `held` ends."""
     if any(argument.startswith("--resume") for argument in arguments):
+        _refuse_settings(arguments, verb)
         resumed = parse(ResumeOptions, arguments, f"cellpilot {verb}", description)
         if not resumed.resume:
             raise InputError("--resume: expected the folder of a run, found none")
@@ -104,6 +109,17 @@ def prepare(arguments: Sequence[str], verb: str, description: str, held: ExitSta
     runs = [create_run(new[i], scenario, seed, command_line(), options.force, len(seeds)) for i, seed in enumerate(seeds)]
     warn(threshold_warning(runs[0].world, runs[0].task.threshold_db))
     return _logged(runs, options.tensorboard)
+
+
+def _refuse_settings(arguments: Sequence[str], verb: str) -> None:
+    """`InputError` for a setting beside --resume: a run goes on as it began."""
+    for argument in arguments:
+        name = argument.partition("=")[0]
+        if name.startswith(FIXED):
+            raise InputError(
+                f"{name} with --resume: a run goes on with its own settings and seed, and its length is fixed by its schedules"
+                f" of exploration and learning rate; for others start a new one (cellpilot {verb} SCENARIO {name} ...)"
+            )
 
 
 def _cores_warning(runs: Sequence[Run]) -> str | None:

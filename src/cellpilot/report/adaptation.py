@@ -7,7 +7,19 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from cellpilot.evaluate.statistics import mean_interval
-from cellpilot.report.style import BLUE, GREEN, GREY, ORANGE, PAGE_WIDTH_IN, PURPLE, VERMILION, Line, legend_below, single_axes
+from cellpilot.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PAGE_WIDTH_IN,
+    PURPLE,
+    VERMILION,
+    Line,
+    as_drawn,
+    legend_below,
+    single_axes,
+)
 
 LINES = (
     Line("", VERMILION, "-"),
@@ -36,7 +48,7 @@ def draw_adapt(data: xr.Dataset) -> Figure:
         line = LINES[i % len(LINES)]
         axes.fill_between(flights, low, high, color=line.colour, alpha=0.25, linewidth=0)
         look = {"color": line.colour, "linestyle": line.style, "marker": "o", "markersize": 3}
-        axes.plot(flights, scores.mean(0), label=labels.get(str(arm), str(arm)), **look)
+        axes.plot(flights, scores.mean(0), label=as_drawn(labels.get(str(arm), str(arm))), **look)
         lowest = min(lowest, *low)
     for level, name in ((0.0, "greedy\nbaseline"), (1.0, "exact\noptimum")):
         axes.axhline(level, color=GREY, linestyle=":", linewidth=1.0)
@@ -54,7 +66,7 @@ def draw_adapt(data: xr.Dataset) -> Figure:
         axes.set_ylabel("score [1], logarithmic below 0")
     n_seeds = data.sizes["seed"]
     what = "one seed" if n_seeds == 1 else f"mean and 95 % interval over {n_seeds} seeds"
-    axes.set_title(f"{data.attrs.get('title', '')} · {what}".removeprefix(" · "))
+    axes.set_title(f"{as_drawn(str(data.attrs.get('title', '')))} · {what}".removeprefix(" · "))
     legend_below(figure, axes.get_legend_handles_labels()[0])
     return figure
 

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from cellpilot.radio import Antenna
-from cellpilot.report.style import BLUE, VERMILION, drawing_settings
+from cellpilot.report.style import BLUE, VERMILION, as_drawn, drawing_settings
 
 DEPTH_DB = 40.0
 """What lies deeper below the peak is drawn in the middle."""
@@ -38,7 +38,8 @@ def draw_antenna(antenna: Antenna) -> Figure:
         _curve(axes, np.radians(angle_deg), vertical_dbi, peak_dbi, VERMILION)
         axes.set_thetagrids(range(0, 360, 45), ["up", "45°", "0°", "-45°", "down", "", "behind", ""])
         axes.set_title(f"from the side, {0.0 - azimuth_deg:g}° clockwise from boresight\n(above the horizon)")
-        figure.suptitle(f"{getattr(antenna, 'name', '') or type(antenna).__name__}: gain [dBi], peak {peak_dbi:.1f} dBi")
+        name = as_drawn(getattr(antenna, "name", "") or type(antenna).__name__)
+        figure.suptitle(f"{name}: gain [dBi], peak {peak_dbi:.1f} dBi")
     return figure
 
 

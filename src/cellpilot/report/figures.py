@@ -16,7 +16,7 @@ from cellpilot.report.distributions import draw_altitude, draw_path_ratio_cdf, d
 from cellpilot.report.learning import draw_ablation, draw_sensitivity, draw_training
 from cellpilot.report.maps import draw_deployment, draw_low_probability, draw_sinr
 from cellpilot.report.policies import draw_high_goal, draw_low_goal
-from cellpilot.report.style import drawing_settings
+from cellpilot.report.style import boxes_for_missing_letters, drawing_settings
 from cellpilot.storage import write_atomically
 
 DPI = 150
@@ -163,7 +163,8 @@ def save_figure(figure: Figure, path: Path) -> bytes:
     check_picture_name(path)
     dpi, metadata = FORMATS[path.suffix]
     picture = io.BytesIO()
-    figure.savefig(picture, format=path.suffix[1:], dpi=dpi, bbox_inches="tight", pad_inches=PAD_IN, metadata=metadata)
+    with boxes_for_missing_letters():
+        figure.savefig(picture, format=path.suffix[1:], dpi=dpi, bbox_inches="tight", pad_inches=PAD_IN, metadata=metadata)
     write_atomically(path, picture.getvalue())
     return picture.getvalue()
 

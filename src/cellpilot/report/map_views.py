@@ -42,10 +42,12 @@ from cellpilot.report.style import (
     PURPLE,
     SINR_COLOURS,
     VERMILION,
+    as_drawn,
     drawing_settings,
     legend_below,
     single_axes,
 )
+from cellpilot.text import visible
 from cellpilot.world import World
 
 FloatArray = NDArray[np.float64]
@@ -263,7 +265,7 @@ def _label_pieces(axes: Axes, grid: Grid, pieces: dict[str, NDArray[np.intp]], s
         at = places_m[np.where(clear, from_middle, np.inf).argmin()]
         taken.append((*at, *half_m))
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
-        label = axes.text(at[0], at[1], text, ha="center", va="center", fontsize=8, zorder=4.5, bbox=box)
+        label = axes.text(at[0], at[1], visible(text), ha="center", va="center", fontsize=8, zorder=4.5, bbox=box)
         label.set_parse_math(False)
 
 
@@ -302,6 +304,7 @@ def draw_comparison(a: RadioMap, b: RadioMap, names: Sequence[str], threshold_db
     """Both maps and B less A at each height (up to six, see `heights_left_out`); the threshold outlined."""
     for each in (a, b):
         _check_known(each)
+    names = [as_drawn(name) for name in names]
     with drawing_settings():
         grid = grid_of(a)
         heights = chosen_heights(len(grid.z_m))

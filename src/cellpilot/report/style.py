@@ -1,12 +1,15 @@
 """How every figure looks: sizes, fonts, and one line style for each policy, told apart in grey as well as in colour."""
 
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from cellpilot.text import visible
 
 PAGE_WIDTH_IN = 6.3
 COLUMN_WIDTH_IN = 4.1
@@ -42,10 +45,20 @@ BLUE, VERMILION, PURPLE, GREEN, ORANGE = "#0072B2", "#D55E00", "#9A4C86", "#009E
 GREY = "0.35"
 
 
-def drawing_settings() -> AbstractContextManager[Any]:
+@contextmanager
+def drawing_settings() -> Iterator[None]:
     """The settings, for as long as the `with` block lasts; nothing outside it changes."""
     settings: Any = dict(SETTINGS)
-    return rc_context(settings)
+    with rc_context(settings), boxes_for_missing_letters():
+        yield
+
+
+@contextmanager
+def boxes_for_missing_letters() -> Iterator[None]:
+    """Letters that the font lacks are drawn as boxes, without a warning for each."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        yield
 
 
 class Line(NamedTuple):
@@ -66,6 +79,11 @@ POLICY_LINES = {
 BOLTZMANN = "learned/boltzmann-"
 BOLTZMANN_LINE = Line("learned, Boltzmann", PURPLE, (0, (5, 1.5, 1, 1.5)), "...")
 OTHER_LINES = (Line("", GREEN, (0, (1, 1)), "++"), Line("", ORANGE, (0, (3, 1, 1, 1, 1, 1)), "ooo"))
+
+
+def as_drawn(name: str) -> str:
+    """A name as text of a figure: no formula, and nothing that is not seen."""
+    return visible(name).replace("$", r"\$")
 
 
 def policy_line(name: str, others: Sequence[str] = ()) -> Line:

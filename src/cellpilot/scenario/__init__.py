@@ -7,7 +7,7 @@ from cellpilot.scenario.base import Cell, Count, Finite, Floats, NonNegative, Pa
 from cellpilot.scenario.learner import ALGORITHM_HELP, LEARNERS, AnyLearnerSettings, LearnerSettings, PairLearnerSettings
 from cellpilot.scenario.maps import HEXAGONAL, LogSettings, MapFile, MapSettings, MeasuredMap, SimulatedMap
 from cellpilot.scenario.task import EvaluationSettings, RewardSettings, TaskSettings
-from cellpilot.scenario.toml import SHIPPED, Scenario, describe, dump_scenario, find_scenario, load_scenario, validated
+from cellpilot.scenario.toml import SHIPPED, Scenario, describe, dump_scenario, find_scenario, load_scenario, one_name, validated
 
 __all__ = [
     "ALGORITHM_HELP",
@@ -39,5 +39,6 @@ __all__ = [
     "dump_scenario",
     "find_scenario",
     "load_scenario",
+    "one_name",
     "validated",
 ]

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1)]
+Count = Annotated[int, Field(ge=1, lt=2**31)]
 Pair = Annotated[tuple[Finite, Finite], Strict(False)]
 Cell = Annotated[tuple[int, int, int], Strict(False)]
 Floats = Annotated[tuple[Finite, ...], Strict(False)]

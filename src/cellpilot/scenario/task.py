@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from cellpilot.scenario.base import Cell, Count, Finite, NonNegative, Positive, Settings
+from cellpilot.scenario.base import Cell, Finite, NonNegative, Positive, Settings
 
 
 class RewardSettings(Settings):
@@ -19,7 +19,7 @@ class RewardSettings(Settings):
         0.0, description="standard deviation of the noise drawn at every step [dB] (section 5.2: 2)"
     )
     discount: float = Field(0.995, gt=0, le=1, description="discount factor (Table 4.3)")
-    max_steps: Count | None = Field(
+    max_steps: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
         None, description="cap on steps; None = ten times the sum of the sides (section 4.2.2: 400, 450)"
     )
 
@@ -34,9 +34,11 @@ class TaskSettings(RewardSettings):
 class EvaluationSettings(Settings):
     """How policies are compared (section 4.4)."""
 
-    n_sampled: Count = Field(10_000, description="sampled flights (section 4.4)")
-    seed: int = Field(0, ge=0, description="seed of instances and noise")
-    boltzmann_temperature: Positive = Field(0.1, description="temperature of the stochastic learned policy")
+    n_sampled: Annotated[int, Field(ge=1, le=10_000_000)] = Field(10_000, description="sampled flights (section 4.4)")
+    seed: int = Field(0, ge=0, lt=2**63, description="seed of instances and noise")
+    boltzmann_temperature: Annotated[float, Field(gt=0, le=1e6)] = Field(
+        0.1, description="temperature of the stochastic learned policy"
+    )
     max_exhaustive_pairs: Annotated[int, Field(ge=0)] = Field(5_000_000, description="fly all pairs exactly below this number")
     speed_mps: Positive = Field(10.0, description="planned speed, for outages in seconds and handovers [m/s]")
     hysteresis_db: NonNegative = Field(3.0, description="a handover needs a sector stronger by this [dB] (event A3)")

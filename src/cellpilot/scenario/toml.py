@@ -3,22 +3,38 @@
 import json
 import re
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from cellpilot.errors import InputError
 from cellpilot.scenario.base import Settings
 from cellpilot.scenario.learner import LEARNERS, AnyLearnerSettings, LearnerSettings
 from cellpilot.scenario.maps import MapSettings, SimulatedMap
 from cellpilot.scenario.task import EvaluationSettings, TaskSettings
+from cellpilot.storage import read_text
+
+
+def one_name(name: str) -> str:
+    """`ValueError` for a name that would lead files elsewhere, or that no file can have."""
+    if not name or name.startswith((".", "-")) or len(name.encode("utf-8", "replace")) > LONGEST_NAME:
+        raise ValueError(f"name is {name[:40]!r}; expected 1 to {LONGEST_NAME} bytes that do not begin with a dot or a dash")
+    if not name.isprintable() or any(letter in '/\\:*?"<>|' for letter in name) or name != name.strip():
+        raise ValueError(f"name is {name[:40]!r}; expected one name of a file: letters, digits, spaces within, - _ . + , ( )")
+    return name
+
+
+LONGEST_NAME = 100
+Name = Annotated[str, AfterValidator(one_name)]
+"""Of a scenario: it becomes the name of a folder."""
 
 
 class Scenario(Settings):
     """One experiment."""
 
-    name: str = Field("scenario", description="name in tables and files")
+    name: Name = Field("scenario", description="name in tables and files")
     map: MapSettings = Field(SimulatedMap(), discriminator="kind")
     task: TaskSettings = TaskSettings()
     learner: AnyLearnerSettings = Field(LearnerSettings(), discriminator="algorithm")
@@ -36,7 +52,9 @@ def find_scenario(name: str) -> Path:
     shipped = sorted(p.stem for p in SHIPPED.glob("*.toml"))
     if name in shipped:
         return SHIPPED / f"{name}.toml"
-    raise InputError(f"{name}: no such scenario file; expected a TOML file or one of {', '.join(shipped)}")
+    near = get_close_matches(name, shipped, 1)
+    hint = f"; perhaps you meant {near[0]}" if near else ""
+    raise InputError(f"{name}: no such scenario file; expected a TOML file or one of {', '.join(shipped)}{hint}")
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -46,11 +64,13 @@ def load_scenario(path: Path) -> Scenario:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such scenario file")
+    text = read_text(path, "expected a scenario in TOML")
     try:
-        text = path.read_text(encoding="utf-8")
         data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from error
+    except RecursionError:
+        raise InputError(f"{path}: not valid TOML: brackets nested too deeply") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())[:160]}") from None
     if not data:
         raise InputError(f"{path}: the file is empty; expected sections map, task, learner, evaluation")
     data.setdefault("name", path.stem)
@@ -79,8 +99,14 @@ def describe(error: ValidationError, where: str, text: str = "") -> str:
     if first["type"] == "extra_forbidden":
         return f"{place}: unknown key {field}; see cellpilot run --help for the settings"
     message = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
-    found = "" if first["type"] == "value_error" else f" is {first['input']!r}"
+    found = "" if first["type"] == "value_error" else f" is {short(first['input'])}"
     return f"{place}: {field}{found}: {message[0].lower()}{message[1:]}"
+
+
+def short(value: Any) -> str:
+    """A value as it was written, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _line_of(keys: list[str], text: str) -> int | None:
