@@ -15,7 +15,7 @@ import numpy as np
 
 from cellpilot.errors import InputError
 from cellpilot.evaluate.deterministic import DeterministicFigures, deterministic_figures, score
-from cellpilot.evaluate.statistics import mean_interval
+from cellpilot.evaluate.statistics import half_interval
 from cellpilot.experiment import make_map
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
@@ -227,9 +227,9 @@ def summary(data: "xr.Dataset") -> list[list[str]]:
 
 def _with_interval(values: "xr.DataArray", form: str = ".3f") -> list[str]:
     """Mean over seeds and half of its 95 % interval, for each number of flights."""
-    ends = [mean_interval(column) for column in values.transpose("flights", "seed").values]
-    spread = [f" ± {(high - low) / 2:.3f}" if values.sizes["seed"] > 1 else "" for low, high in ends]
-    return [f"{(low + high) / 2:{form}}{plus_minus}" for (low, high), plus_minus in zip(ends, spread, strict=True)]
+    scores = values.transpose("flights", "seed").values
+    spread = ["" if np.isnan(half) else f" ± {half:.3f}" for half in half_interval(scores)]
+    return [f"{mean:{form}}{plus_minus}" for mean, plus_minus in zip(scores.mean(-1), spread, strict=True)]
 
 
 def in_words(data: "xr.Dataset") -> str:
@@ -250,10 +250,11 @@ def verdict(data: "xr.Dataset", good: float = 0.9) -> list[str]:
     prior, nothing = (data["score"].sel(arm=name).values for name in (PRIOR, NOTHING))
     if len(prior) == 1:
         return ["one seed tells no interval: give --seeds 2 or more to compare the prior with none"]
-    intervals = [mean_interval(difference) for difference in (prior - nothing).T]
+    difference = (prior - nothing).T
+    mean, half = difference.mean(-1), half_interval(difference)
     lines = []
-    for ahead, what in ((lambda low, high: low > 0, "helps"), (lambda low, high: high < 0, "harms")):
-        at = [int(n) for n, interval in zip(flights, intervals, strict=True) if ahead(*interval)]
+    for ahead, what in ((mean - half > 0, "helps"), (mean + half < 0, "harms")):
+        at = [int(n) for n, is_ahead in zip(flights, ahead, strict=True) if is_ahead]
         if at:
             lines.append(f"the prior {what} (95 % interval of the paired difference beyond 0) after {_listed(at)} flights")
     if not lines:

@@ -115,7 +115,7 @@ def early_return(dataset: "xr.Dataset") -> dict[str, tuple[float, float]]:
     This is the area under the learning curve divided by its width.
     """
     early = dataset["episode_return"].isel(episode=slice(EARLY_EPISODES)).mean("episode")
-    spread = early.std("seed", ddof=1) if early.sizes["seed"] > 1 else early.std("seed")
+    spread = early.std("seed", ddof=1)  # NaN for one seed
     return {
         str(name): (float(early.sel(variant=name).mean()), float(spread.sel(variant=name))) for name in early["variant"].values
     }

@@ -326,3 +326,37 @@ def test_the_share_below_counts_cells_entered_and_failures_too(make_world: MakeW
     assert METRICS["path_ratio_p90_failures_infinite"].compute(both) == np.inf
     assert METRICS["path_ratio_p90"].compute(failed) is None
     assert METRICS["path_ratio_mean"].compute(failed) is None
+
+
+def test_on_a_large_map_sampled_flights_lead_to_few_goals_and_say_how_far_they_are(
+    random_world: Callable[..., World], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from cellpilot.evaluate import evaluation
+
+    world, task = random_world(0, (30, 20, 1)), Task(max_steps=500)
+    assert evaluation.most_goals(world) is None
+    monkeypatch.setattr(evaluation, "LARGE_CELLS", 500)
+    monkeypatch.setattr(evaluation, "GOALS_TIMES_CELLS", 12 * 600)
+    monkeypatch.setattr(evaluation, "MOST_PAIRS", 5 * 600)
+    instances = sample_pairs(np.random.default_rng([3, 0]), world, 400, n_goals=evaluation.most_goals(world))
+    assert 6 <= np.unique(instances.goal).size <= 12
+    assert np.unique(instances.start).size > 150
+    shares: list[float] = []
+    found = evaluate(
+        world,
+        task,
+        [GreedyPolicy(world), OptimalPolicy(world, task)],
+        seed=3,
+        n_sampled=400,
+        max_exhaustive_pairs=10,
+        progress=shares.append,
+    )
+    assert not found.exhaustive
+    assert len(shares) >= 6
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert found.policies["optimal"]["return_mean"] > found.policies["greedy"]["return_mean"]
+    # Small tables at a time change no number.
+    monkeypatch.setattr(evaluation, "MOST_PAIRS", 10**9)
+    again = evaluate(world, task, [GreedyPolicy(world)], **settings)
+    assert again.sampled["greedy"]["return_mean"] == found.sampled["greedy"]["return_mean"]

@@ -4,7 +4,7 @@ import pytest
 from cellpilot.evaluate import METRICS
 from cellpilot.evaluate.evaluation import add_score
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
-from cellpilot.evaluate.statistics import mean_interval, ratio_interval, share_interval, weighted_quantile
+from cellpilot.evaluate.statistics import half_interval, mean_interval, ratio_interval, share_interval, t95, weighted_quantile
 from cellpilot.evaluate.summary import Summary
 
 
@@ -100,11 +100,18 @@ def test_intervals_by_hand() -> None:
     assert share_interval(8, 10) == pytest.approx((0.4901625, 0.9433178), abs=1e-6)
     assert share_interval(10, 10) == pytest.approx((0.7224672, 1.0), abs=1e-6)
     assert share_interval(0, 10) == pytest.approx((0.0, 0.2775328), abs=1e-6)
-    assert mean_interval(np.array([1.0, 2.0, 3.0])) == pytest.approx((2 - 1.959964 / np.sqrt(3), 2 + 1.959964 / np.sqrt(3)))
-    assert mean_interval(np.array([4.0])) == (4.0, 4.0)
+    assert mean_interval(np.array([1.0, 2.0, 3.0])) == pytest.approx((2 - 4.302653 / np.sqrt(3), 2 + 4.302653 / np.sqrt(3)))
+    low, high = mean_interval(np.array([0.0, 1.0]))  # two seeds: 12.7 standard errors, not 1.96
+    assert (low, high) == pytest.approx((0.5 - 6.353102, 0.5 + 6.353102))
+    assert mean_interval(np.array([4.0])) is None
+    assert ratio_interval(np.array([1.0]), np.array([2.0])) is None
+    assert t95(100_000) == pytest.approx(1.959988, abs=1e-5)
+    assert np.isnan(half_interval(np.ones((3, 1)))).all()
+    many = np.random.default_rng(0).normal(size=(4000, 3))
+    assert (np.abs(many.mean(-1)) <= half_interval(many)).mean() == pytest.approx(0.95, abs=0.01)
     # ratio 12/24; residuals (1 - 2, 4 - 4, 7 - 6)/8 have the standard deviation 1/8
     low, high = ratio_interval(np.array([1.0, 4.0, 7.0]), np.array([4.0, 8.0, 12.0]))
-    assert (low, high) == pytest.approx((0.5 - 1.959964 / 8 / np.sqrt(3), 0.5 + 1.959964 / 8 / np.sqrt(3)))
+    assert (low, high) == pytest.approx((0.5 - 4.302653 / 8 / np.sqrt(3), 0.5 + 4.302653 / 8 / np.sqrt(3)))
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:

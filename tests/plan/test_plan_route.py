@@ -164,3 +164,55 @@ def test_an_infinite_height_is_no_place_even_on_one_height(make_world: MakeWorld
     to_local = lambda latitude, longitude: ((longitude - 7.0) * 1e5, (latitude - 50.0) * 1e5)
     with pytest.raises(InputError, match="start"):
         parse_place(text, "start", make_world((5, 4, 1)), to_local)
+
+
+def test_a_long_route_does_not_circle_where_the_signal_is_good(make_world: MakeWorld) -> None:
+    # At discount 0.995 a goal 600 steps away is worth less than the signal one loses on the way to it.
+    sides = (600, 2, 1)
+    sinr_db = np.full(1200, 10.0)
+    sinr_db[20:600] = -5.0
+    sinr_db[600 + 300 : 600 + 310] = -5.0
+    world, task = make_world(sides, sinr_db), Task(max_steps=6020)
+    discounted = plan_route(world, task, OptimalPolicy(world, task), (0, 0, 0), (599, 0, 0))
+    route = plan_route(world, task, OptimalPolicy(world, task, 1.0), (0, 0, 0), (599, 0, 0))
+    assert route.status == "reached"
+    assert route.n_steps <= 603
+    assert route.expected_low_share < 15 / 600
+    assert discounted.status == "loops" or discounted.n_steps >= route.n_steps
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("2,1,0", (2, 1, 0)),
+        ("2c,1c,0c", (2, 1, 0)),
+        ("50m,30m,10m", (2, 1, 0)),
+        ("60.0,25.0,10", (0, 0, 0)),
+        ("60deg,25deg,10m", (0, 0, 0)),
+        ("60.0004,25.0007,10.0", (2, 2, 0)),
+    ],
+)
+def test_a_place_in_cells_metres_or_degrees(make_world: MakeWorld, text: str, expected: tuple[int, int, int]) -> None:
+    world = make_world((4, 4, 1))
+    to_local = lambda latitude_deg, longitude_deg: (10 + (longitude_deg - 25) * 55_000, 10 + (latitude_deg - 60) * 111_000)
+    assert parse_place(text, "--start", world, to_local) == expected
+
+
+def test_whole_numbers_that_are_a_place_on_the_map_too_are_asked_about(make_world: MakeWorld) -> None:
+    world = make_world((70, 30, 1))
+    to_local = lambda latitude_deg, longitude_deg: (10 + (longitude_deg - 25) * 55_000, 10 + (latitude_deg - 60) * 111_000)
+    with pytest.raises(InputError, match=r"write 60c,25c,0c for the cell or 60deg,25deg,0m for the place"):
+        parse_place("60,25,0", "--start", world, to_local)
+    assert parse_place("60c,25c,0c", "--start", world, to_local) == (60, 25, 0)
+    assert parse_place("60deg,25deg,0m", "--start", world, to_local) == (0, 0, 0)
+    assert parse_place("61,25,0", "--start", world, to_local) == (61, 25, 0)  # 111 km beyond the map
+    assert parse_place("60,25,0", "--start", world) == (60, 25, 0)  # a map without an anchor
+    # Beyond the cells, the way to write degrees is shown.
+    with pytest.raises(InputError, match=r"whole numbers are cells; degrees: 60deg,35deg,30m"):
+        parse_place("60,35,30", "--start", world, to_local)
+
+
+@pytest.mark.parametrize("text", ["1,2", "1,2,x", "1m,2,3", "1deg,2deg,3deg", "1.5c,2c,0c", "1e999,0.5,0", "", "1,,2", "1;2;3"])
+def test_what_is_no_place(make_world: MakeWorld, text: str) -> None:
+    with pytest.raises(InputError, match="--goal"):
+        parse_place(text, "--goal", make_world((4, 4, 1)), lambda latitude_deg, longitude_deg: (0.0, 0.0))

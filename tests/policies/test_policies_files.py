@@ -175,3 +175,15 @@ def test_shipped_policies_carry_a_checksum() -> None:
     found = [load_parameters(path) for path in SHIPPED.glob("*.safetensors")]
     assert len(found) == 3
     assert all(parameters.checked for parameters in found)
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+def test_values_computed_for_some_goals_at_a_time_are_the_same(architecture: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from cellpilot.policies import learned
+
+    parameters = PolicyParameters(tensors_of(architecture, 2), architecture, GRIDS[2], ABOUT)
+    grid = Grid(*(tuple(20.0 * i for i in range(side)) for side in GRIDS[2]))
+    whole = parameters.values(grid, np.arange(grid.n_cells))
+    monkeypatch.setattr(learned, "MOST_VALUES", 100)
+    monkeypatch.setattr(pair_value, "MOST_PAIRS", 12)
+    np.testing.assert_allclose(parameters.values(grid, np.arange(grid.n_cells)), whole, rtol=1e-5, atol=1e-6)

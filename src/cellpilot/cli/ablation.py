@@ -1,6 +1,7 @@
 """`cellpilot ablation SCENARIO`: the learner with and without double Q and hindsight (Figure 5.19)."""
 
 from collections.abc import Sequence
+from math import isnan
 from pathlib import Path
 
 from pydantic import Field
@@ -39,7 +40,7 @@ def main(arguments: Sequence[str]) -> int:
         for column in ("variant", "mean", "standard deviation"):
             table.add_column(column, justify="left" if column == "variant" else "right")
         for variant, (mean, spread) in early_return(dataset).items():
-            table.add_row(variant, f"{mean:.2f}", f"{spread:.2f}")
+            table.add_row(variant, f"{mean:.2f}", "-" if isnan(spread) else f"{spread:.2f}")
         out.print(table)
         from cellpilot.report.figures import draw_study
 

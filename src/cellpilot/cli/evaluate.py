@@ -12,6 +12,7 @@ from pydantic import Field
 from cellpilot.cli.console import out, share_bar, warn
 from cellpilot.cli.options import parse
 from cellpilot.errors import WriteError
+from cellpilot.evaluate.evaluation import most_goals
 from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.runs import evaluate_run, open_run_or_shipped, origin_warning, payload, save_evaluation
 from cellpilot.scenario import Settings
@@ -45,6 +46,12 @@ def main(arguments: Sequence[str]) -> int:
         warn(divergence_warning(parameters, run.world, run.task))
     with share_bar("evaluate") as progress:
         evaluation = evaluate_run(run, radio_map, progress)
+    n_goals = most_goals(world)
+    if not evaluation.exhaustive and n_goals is not None:
+        warn(
+            f"on {world.grid.n_cells:,} cells the sampled flights lead to {n_goals} goals: with others the figures may differ by"
+            " more than the intervals say"
+        )
     if options.as_json:
         sys.stdout.write(json.dumps(payload(run, evaluation), indent=2) + "\n")
     else:

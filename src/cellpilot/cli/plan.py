@@ -16,7 +16,7 @@ from cellpilot.experiment import make_map, make_task, shipped_policy, threshold_
 from cellpilot.maps import RadioMap, anchor_of, load_map, to_degrees, to_local
 from cellpilot.plan.route import Route, parse_place, plan_route, route_payload
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
-from cellpilot.runs import open_run
+from cellpilot.runs import open_run, origin_warning
 from cellpilot.scenario import SHIPPED, RewardSettings, Settings, find_scenario, load_scenario
 from cellpilot.world import World
 
@@ -25,7 +25,7 @@ class PlanOptions(Settings):
     """Options of `plan`."""
 
     source: tyro.conf.Positional[str] = Field("", description="map file, run folder or shipped scenario")
-    start: str = Field("", description="IX,IY,IZ in cells, -50m,120m,30m in metres, or LATITUDE,LONGITUDE,ALTITUDE")
+    start: str = Field("", description="cells 12,9,0, metres -50m,120m,30m, or degrees 3.1,101.7,30 (3deg,101deg,30m)")
     goal: str = Field("", description="like --start; write --goal=-50m,120m,30m if it begins with a minus")
     policy: Literal["optimal", "greedy", "learned"] = Field("optimal", description="who flies")
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = Field(False, description="print JSON and nothing else")
@@ -33,7 +33,10 @@ class PlanOptions(Settings):
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Verb `plan`; exit code 0 for a route that reaches the goal, 1 for one that loops or runs out of time."""
+    """Verb `plan`; exit code 0 for a route that reaches the goal, 1 for one that loops or runs out of time.
+
+    The optimal route is that for discount 1: with less, circling where the signal is good can be worth more than a far goal.
+    """
     wants_help = any(argument in HELP for argument in arguments)
     source = next((a for a in arguments if not a.startswith("-")), "")
     if not wants_help and (not source or arguments[0] != source):
@@ -61,7 +64,7 @@ def main(arguments: Sequence[str]) -> int:
     if options.policy == "learned" and parameters is None:
         raise InputError(f"{source} holds no trained policy; train first, or use --policy optimal or greedy")
     warn(threshold_warning(world, task.threshold_db))
-    policies: dict[str, Policy] = {"optimal": OptimalPolicy(world, task), "greedy": GreedyPolicy(world)}
+    policies: dict[str, Policy] = {"optimal": OptimalPolicy(world, task, 1.0), "greedy": GreedyPolicy(world)}
     if parameters is not None:
         parameters.check_grid(world.grid)
         policies["learned"] = LearnedPolicy(parameters, world.grid)
@@ -78,7 +81,10 @@ def _load(source: str) -> tuple[RadioMap, RewardSettings, PolicyParameters | Non
     path = Path(source)
     if path.is_dir():
         run = open_run(path)
-        return run.radio_map, run.scenario.task, run.parameters()
+        parameters = run.parameters()
+        if parameters is not None:
+            warn(origin_warning(parameters, run.radio_map, run.task, run.seed))
+        return run.radio_map, run.scenario.task, parameters
     if path.suffix == ".toml" or (SHIPPED / f"{source}.toml").is_file():
         file = find_scenario(source)
         scenario = load_scenario(file)

@@ -214,4 +214,4 @@ def mean_and_spread(values: Sequence[float | None], scale: float) -> str:
     known = [scale * value for value in values if value is not None]
     if len(known) < len(values):
         return "-"
-    return f"{mean(known):.3f} ± {stdev(known) if len(known) > 1 else 0.0:.3f}"
+    return f"{mean(known):.3f} ± {stdev(known):.3f}" if len(known) > 1 else f"{mean(known):.3f}"

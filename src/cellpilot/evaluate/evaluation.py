@@ -20,6 +20,10 @@ from cellpilot.world import World
 
 MAX_EXHAUSTIVE_PAIRS = 5_000_000
 GOALS_AT_ONCE = 40
+MOST_PAIRS = 4_000_000
+"""Cells times goals of one table of probabilities."""
+LARGE_CELLS, GOALS_TIMES_CELLS = 20_000, 2_500_000
+"""Above so many cells, sampled flights lead to fewer goals: 27 on 300 x 300 cells, 10 on 1,000 x 1,000."""
 A3 = HandoverRule()
 FLAT = 1e-6
 """Below this difference of return between optimum and baseline there is nothing to score."""
@@ -59,12 +63,14 @@ def evaluate(
     Score and regret need policies named `greedy` and `optimal` among them. `progress` is told the share done (0..1).
     """
     n_pairs, unreachable = count_pairs(world, start, goal)
-    instances = sample_pairs(np.random.default_rng([seed, 0]), world, n_sampled, start, goal)
     exhaustive = n_pairs < max_exhaustive_pairs
+    n_goals = None if exhaustive else most_goals(world)
+    instances = sample_pairs(np.random.default_rng([seed, 0]), world, n_sampled, start, goal, n_goals)
     exact, sampled, flights, histograms = {}, {}, {}, {}
     for i, policy in enumerate(policies):
         done = lambda share, i=i: progress((i + share) / len(policies))
-        records, visits = sampled_flights(np.random.default_rng([seed, 1]), world, task, policy, instances, rule)
+        tell = done if not exhaustive else lambda share: None
+        records, visits = sampled_flights(np.random.default_rng([seed, 1]), world, task, policy, instances, rule, tell)
         flights[policy.name], histograms[policy.name] = records, visits.sinr_histogram
         sampled[policy.name] = _metrics(summarise(records, visits, world, task, expected=False)) | _intervals(records)
         if exhaustive:
@@ -75,6 +81,12 @@ def evaluate(
     for table in (exact, sampled):
         add_score(table)
     return Evaluation(exhaustive, n_pairs, unreachable, exact or sampled, sampled, flights, histograms)
+
+
+def most_goals(world: World) -> int | None:
+    """To how many goals sampled flights lead: every goal is one more solution for all cells. None = any number."""
+    n_cells = world.grid.n_cells
+    return None if n_cells <= LARGE_CELLS else max(10, GOALS_TIMES_CELLS // n_cells)
 
 
 def exhaustive_summary(
@@ -100,20 +112,28 @@ def exhaustive_summary(
 
 
 def sampled_flights(
-    rng: np.random.Generator, world: World, task: Task, policy: Policy, instances: Instances, rule: HandoverRule | None = None
+    rng: np.random.Generator,
+    world: World,
+    task: Task,
+    policy: Policy,
+    instances: Instances,
+    rule: HandoverRule | None = None,
+    progress: Progress = lambda share: None,
 ) -> tuple[FlightRecords, Visits]:
     """One drawn flight per instance, in the order of the instances."""
+    at_once = max(1, min(GOALS_AT_ONCE, MOST_PAIRS // world.grid.n_cells))
     goals, column = np.unique(instances.goal, return_inverse=True)
     order = np.argsort(column, kind="stable")
     parts: list[FlightRecords] = []
     total = Visits(np.zeros(world.grid.n_cells), np.zeros(len(SINR_LEVELS_DB) + 1), Mobility())
-    for i in range(0, len(goals), GOALS_AT_ONCE):
-        block: IntArray = goals[i : i + GOALS_AT_ONCE]
-        rows = order[(column[order] >= i) & (column[order] < i + GOALS_AT_ONCE)]
+    for i in range(0, len(goals), at_once):
+        block: IntArray = goals[i : i + at_once]
+        rows = order[(column[order] >= i) & (column[order] < i + at_once)]
         probabilities = policy.action_probabilities(block)
         records, visits = fly(rng, world, task, probabilities, block, instances.start[rows], column[rows] - i, rule)
         parts.append(records)
         total = total + visits
+        progress(min(1.0, (i + at_once) / len(goals)))
     back = np.argsort(order, kind="stable")
     joined = FlightRecords.concatenate(parts)
     in_order = FlightRecords(*(getattr(joined, name)[back] for name in joined.__dataclass_fields__))

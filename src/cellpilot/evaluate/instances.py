@@ -36,8 +36,18 @@ def all_pairs(world: World, goals: IntArray, start: Position | None = None) -> t
 
 
 def sample_pairs(
-    rng: np.random.Generator, world: World, n: int, start: Position | None = None, goal: Position | None = None
+    rng: np.random.Generator,
+    world: World,
+    n: int,
+    start: Position | None = None,
+    goal: Position | None = None,
+    n_goals: int | None = None,
 ) -> Instances:
-    """`n` pairs drawn uniformly, with replacement, from all pairs that can reach each other."""
+    """`n` pairs drawn uniformly, with replacement, from all pairs that can reach each other.
+
+    With `n_goals` they lead to at most so many goals, drawn first in the same way.
+    """
     starts, goals = world.start_goal_cells(start, goal)
+    if n_goals is not None and n_goals < len(goals):
+        goals = np.unique(world.draw_pairs(rng, n_goals, starts, goals)[1])
     return Instances(*world.draw_pairs(rng, n, starts, goals), count_pairs(world, start, goal)[1])

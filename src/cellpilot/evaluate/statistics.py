@@ -1,15 +1,33 @@
 """Means, quantiles and 95 % intervals."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 Z95 = 1.959963984540054
 """97.5 % quantile of the normal distribution."""
 
 
-def mean_interval(values: NDArray[np.floating]) -> tuple[float, float]:
-    """95 % interval of a mean (normal approximation)."""
-    half = Z95 * values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else 0.0
+def t95(n: int) -> float:
+    """97.5 % quantile of Student's distribution with n - 1 degrees of freedom: 12.7 for two values, 1.96 for thousands."""
+    return float(stdtrit(n - 1, 0.975))
+
+
+def half_interval(values: NDArray[np.floating], axis: int = -1) -> Any:
+    """Half of the 95 % interval of a mean over some independent values, Student's; NaN for fewer than two."""
+    n = values.shape[axis]
+    if n < 2:
+        return np.full(np.delete(values.shape, axis), np.nan)
+    return t95(n) * values.std(axis, ddof=1) / np.sqrt(n)
+
+
+def mean_interval(values: NDArray[np.floating]) -> tuple[float, float] | None:
+    """95 % interval of a mean (Student's); None for fewer than two values."""
+    if len(values) < 2:
+        return None
+    half = half_interval(values)
     return float(values.mean() - half), float(values.mean() + half)
 
 
@@ -21,11 +39,16 @@ def share_interval(successes: float, n: float) -> tuple[float, float]:
     return float(max(0.0, centre - half)), float(min(1.0, centre + half))
 
 
-def ratio_interval(numerator: NDArray[np.floating], denominator: NDArray[np.floating]) -> tuple[float, float]:
-    """95 % interval of sum(numerator)/sum(denominator) over independent rows (linearised ratio estimator)."""
+def ratio_interval(numerator: NDArray[np.floating], denominator: NDArray[np.floating]) -> tuple[float, float] | None:
+    """95 % interval of sum(numerator)/sum(denominator) over independent rows (linearised ratio estimator, Student's).
+
+    None for fewer than two rows.
+    """
+    if len(numerator) < 2:
+        return None
     ratio = numerator.sum() / denominator.sum()
     residual = (numerator - ratio * denominator) / denominator.mean()
-    half = Z95 * residual.std(ddof=1) / np.sqrt(len(residual)) if len(residual) > 1 else 0.0
+    half = half_interval(residual)
     return float(ratio - half), float(ratio + half)
 
 

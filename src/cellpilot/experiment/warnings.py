@@ -1,9 +1,14 @@
 """Sentences about a threshold or a policy that is hardly what its user wanted; none stops anything."""
 
+import numpy as np
+
 from cellpilot.policies import PolicyParameters
 from cellpilot.policies.pair_value import ARCHITECTURE
 from cellpilot.task import Task
 from cellpilot.world import World
+
+MOST_PAIRS = 1_000_000
+"""Pairs of cell and goal whose values are looked at together."""
 
 
 def threshold_warning(world: World, threshold_db: float) -> str | None:
@@ -20,9 +25,12 @@ def threshold_warning(world: World, threshold_db: float) -> str | None:
 def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -> str | None:
     """A sentence if the learned values, looked at for some goals, lie outside what any flight can earn."""
     goals = world.free_cells[:: max(1, len(world.free_cells) // 50)]
-    values = parameters.values(world.grid, goals)
+    at_once = max(1, MOST_PAIRS // world.grid.n_cells)
     least, greatest = task.value_bounds
-    lowest, highest = float(values.min()), float(values.max())
+    lowest, highest = np.inf, -np.inf
+    for i in range(0, len(goals), at_once):
+        values = parameters.values(world.grid, goals[i : i + at_once])
+        lowest, highest = min(lowest, float(values.min())), max(highest, float(values.max()))
     usual = abs(task.rho_goal) + abs(task.rho_sinr) + abs(task.rho_step) + abs(task.rho_blocked)
     if highest <= greatest + usual and lowest >= 2 * least - usual:  # some over-estimation is usual
         return None

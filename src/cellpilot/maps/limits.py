@@ -30,7 +30,7 @@ class Range(NamedTuple):
 
 
 RANGES = {
-    "sinr_db": Range(-300.0, 300.0, "beyond what any receiver measures"),
+    "sinr_db": Range(-1000.0, 1000.0, "beyond what any receiver measures"),
     "sinr_std_db": Range(0.0, 300.0, "an uncertainty"),
     "rsrp_dbm": Range(-1000.0, 200.0, "beyond what any transmitter sends"),
     "sector_power_dbm": Range(-200.0, 200.0, "beyond what any transmitter sends"),

@@ -1,5 +1,7 @@
 """A route: what one deterministic policy flies between two cells, and what the radio is expected to be along it."""
 
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any
@@ -89,36 +91,70 @@ def route_payload(route: Route, world: World, latitude_longitude: Any = None) ->
     return summary | {"n_steps": route.n_steps, "path_ratio": ratio, "steps": steps}
 
 
-def parse_place(text: str, what: str, world: World, to_local: Any = None) -> Position:
+EXPECTED = (
+    "expected three cells like 12,9,0, metres like -50m,120m,30m, or latitude, longitude and altitude like 3.1,101.7,30"
+    " (whole degrees: 3deg,101deg,30m)"
+)
+PART = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(m|deg|c)?", re.IGNORECASE)
+Local = Callable[[float, float], tuple[Any, Any]]
+
+
+def parse_place(text: str, what: str, world: World, to_local: Local | None = None) -> Position:
     """Position of `IX,IY,IZ` (cells), `Xm,Ym,Zm` (metres) or `LATITUDE,LONGITUDE,ALTITUDE` (degrees, needs an anchored map).
 
-    Three whole numbers are cells; an `m` on each number means metres; numbers with a decimal point are geographic.
+    Three whole numbers are cells (`c` on each says so), an `m` on each number means metres; numbers with a decimal point or
+    `deg` are geographic. `InputError` for whole numbers that could be either: a cell of the map and a place on it.
     `to_local(latitude_deg, longitude_deg)` returns metres; None on a map without an anchor.
     """
-    parts = [part.strip() for part in text.split(",")]
-    expected = "expected IX,IY,IZ in cells, like 3,4,0, or metres like -50m,120m,30m, or LATITUDE,LONGITUDE,ALTITUDE"
-    if len(parts) != 3:
-        raise InputError(f"{what} is {text!r}; {expected}")
-    try:
-        if all(part.lstrip("+-").isdigit() for part in parts):
-            return world.grid.check_position(tuple(int(part) for part in parts), "position")
-        in_metres = all(part.endswith("m") for part in parts)
-        first, second, third = (float(part[:-1] if in_metres else part) for part in parts)
-    except InputError as error:
-        raise InputError(f"{what} {text}: {error}") from error
-    except ValueError as error:
-        raise InputError(f"{what} is {text!r}; {expected}") from error
-    if not all(isfinite(number) for number in (first, second, third)):
+    found = [PART.fullmatch(part.strip()) for part in text.split(",")]
+    if len(found) != 3 or None in found:
+        raise InputError(f"{what} is {text!r}; {EXPECTED}")
+    numbers, units = zip(*((part[1], (part[2] or "").lower()) for part in found if part), strict=True)
+    if not all(isfinite(float(number)) for number in numbers):
         raise InputError(f"{what} is {text!r}; expected finite numbers")
-    if not in_metres:
-        if to_local is None:
-            raise InputError(
-                f"{what} {text} looks like latitude,longitude,altitude, but the map has no anchor; give cells or metres"
-            )
-        if not (-90 <= first <= 90 and -180 <= second <= 180):
-            raise InputError(f"{what} {text}: expected a latitude within -90..90 and a longitude within -180..180")
-        first, second = (float(metres) for metres in to_local(first, second))
+    whole = all(number.lstrip("+-").isdigit() for number in numbers)
     try:
-        return world.grid.nearest_position((first, second, third))
+        if set(units) == {"c"} or (set(units) == {""} and whole):
+            if not whole:
+                raise InputError(EXPECTED)
+            return _cell(numbers, world, to_local if set(units) == {""} else None)
+        if set(units) == {"m"}:
+            x_m, y_m, z_m = map(float, numbers)
+            return world.grid.nearest_position((x_m, y_m, z_m))
+        if units[:2] in (("deg", "deg"), ("", "")) and units[2] in ("", "m"):
+            return _geographic(numbers, world, to_local)
     except InputError as error:
-        raise InputError(f"{what} {text}: {error}") from error
+        raise InputError(f"{what} {text}: {error}") from None
+    raise InputError(f"{what} is {text!r}; {EXPECTED}")
+
+
+def _cell(numbers: Sequence[str], world: World, to_local: Local | None) -> Position:
+    """A cell; `InputError` if the numbers are those of a place on the map as well, or of one that only degrees can mean."""
+    position = tuple(int(number) for number in numbers)
+    degrees = f"{numbers[0]}deg,{numbers[1]}deg,{numbers[2]}m"
+    try:
+        cell = world.grid.check_position(position, "position")
+    except InputError as error:
+        raise InputError(f"{error} (whole numbers are cells; degrees: {degrees})" if to_local else str(error)) from None
+    if to_local is not None and _is_on_the_map(numbers, world, to_local):
+        cells = ",".join(f"{number}c" for number in numbers)
+        raise InputError(f"a cell, and in degrees a place on the map; write {cells} for the cell or {degrees} for the place")
+    return cell
+
+
+def _is_on_the_map(numbers: Sequence[str], world: World, to_local: Local) -> bool:
+    try:
+        _geographic(numbers, world, to_local)
+    except InputError:
+        return False
+    return True
+
+
+def _geographic(numbers: Sequence[str], world: World, to_local: Local | None) -> Position:
+    latitude_deg, longitude_deg, altitude_m = map(float, numbers)
+    if to_local is None:
+        raise InputError("looks like latitude,longitude,altitude, but the map has no anchor; give cells or metres")
+    if not (-90 <= latitude_deg <= 90 and -180 <= longitude_deg <= 180):
+        raise InputError("expected a latitude within -90..90 and a longitude within -180..180")
+    x_m, y_m = (float(metres) for metres in to_local(latitude_deg, longitude_deg))
+    return world.grid.nearest_position((x_m, y_m, altitude_m))

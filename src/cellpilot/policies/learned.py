@@ -25,6 +25,8 @@ TENSORS = {
 }
 """Architectures this file can fly, and the tensors that each has at least."""
 Array32 = NDArray[np.float32]
+MOST_VALUES = 64_000_000
+"""Of one layer, for all pairs of cell and goal that are computed at once (256 MB)."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,10 @@ class PolicyParameters:
     def values(self, grid: Grid, goals: IntArray) -> Array32:
         """Q(cell, goal, action) `[n_cells, goals, actions]` in float32; `InputError` on a grid of another shape."""
         self.check_grid(grid)
+        at_once = max(1, MOST_VALUES // (grid.n_cells * self._width))
+        if len(goals) > at_once:
+            blocks = [goals[i : i + at_once] for i in range(0, len(goals), at_once)]
+            return np.concatenate([self.values(grid, block) for block in blocks], axis=1)
         if self.architecture == pair_value.ARCHITECTURE:
             return pair_value.pair_action_values(self.tensors, grid, Task(**self.about["task"]), goals, self.about["look_ahead"])
         n_dimensions = grid.n_dimensions
@@ -61,6 +67,11 @@ class PolicyParameters:
             advantage = self._perceptron("advantage", for_advantage)
             return self._perceptron("value", for_value) + advantage - advantage.mean(-1, keepdims=True)
         return self._perceptron("network", pair)
+
+    @property
+    def _width(self) -> int:
+        """Numbers that the widest layer keeps for a pair."""
+        return max(tensor.shape[-1] for tensor in self.tensors.values() if tensor.ndim > 1)
 
     def _perceptron(self, name: str, x: Array32) -> Array32:
         """Leaky-ReLU perceptron (section 3.2.1) over the last axis."""

@@ -17,6 +17,8 @@ CONVERGED = 1e-9
 COST_OF_NOTHING = 1e-6
 MAX_SWEEPS = 20_000
 GOALS_AT_ONCE = 64
+MOST_VALUES = 4_000_000
+"""Cells times goals of one table (32 MB, of which some ten are kept at a time)."""
 
 
 def optimal_values(world: World, task: Task, goals: IntArray, discount: float | None = None) -> NDArray[np.float64]:
@@ -28,12 +30,18 @@ def optimal_values(world: World, task: Task, goals: IntArray, discount: float | 
     `InputError` where the undiscounted optimum does not exist because circling earns rewards.
     """
     goals = np.asarray(goals)
-    blocks = [goals[i : i + GOALS_AT_ONCE] for i in range(0, len(goals), GOALS_AT_ONCE)]
+    at_once = goals_at_once(world)
+    blocks = [goals[i : i + at_once] for i in range(0, len(goals), at_once)]
     gamma = task.discount if discount is None else discount
     if gamma == 1 and task.rho_step == 0:
         # Where moving costs nothing every way round is equally good: among those, the one with the fewest steps.
         task = replace(task, rho_step=-COST_OF_NOTHING)
     return np.concatenate([_solve(world, task, block, gamma) for block in blocks], axis=1)
+
+
+def goals_at_once(world: World) -> int:
+    """Goals for which all cells are solved at once: as many as memory allows."""
+    return max(1, min(GOALS_AT_ONCE, MOST_VALUES // world.grid.n_cells))
 
 
 def _solve(world: World, task: Task, goals: IntArray, discount: float) -> NDArray[np.float64]:
@@ -103,8 +111,9 @@ class OptimalPolicy:
     def actions(self, goals: IntArray) -> NDArray[np.int8]:
         """Best action of every cell for each goal, `[n_cells, goals]`; solved once per goal."""
         missing = np.array([g for g in np.unique(goals) if int(g) not in self._actions], dtype=np.int32)
-        for i in range(0, len(missing), GOALS_AT_ONCE):
-            block = missing[i : i + GOALS_AT_ONCE]
+        at_once = goals_at_once(self.world)
+        for i in range(0, len(missing), at_once):
+            block = missing[i : i + at_once]
             best = greedy_actions(np.nan_to_num(optimal_values(self.world, self.task, block, self.discount), neginf=-1e18))
             self._actions.update({int(goal): best[:, k].copy() for k, goal in enumerate(block)})
         return np.stack([self._actions[int(g)] for g in goals], axis=1)

@@ -19,6 +19,7 @@ TENSORS = {"table", "weight", "bias", "output", "blocked"}
 """Tensors of a policy of this kind; `penalty` besides, where a penalty model was learned."""
 
 GOALS_AT_ONCE = 8
+MOST_PAIRS = 1_000_000
 Sides = tuple[int, int, int]
 
 
@@ -79,14 +80,15 @@ def pair_action_values(
         raise InputError(f"the policy's tensors do not fit a grid of {grid.sides} cells; train again or restore it")
     next_cell, stopped = grid.next_cells(tensors["blocked"].astype(bool))
     values = np.empty((grid.n_cells, len(goals), grid.n_actions), np.float32)
-    for i in range(0, len(goals), GOALS_AT_ONCE):
-        block = np.asarray(goals[i : i + GOALS_AT_ONCE])
+    at_once = max(1, min(GOALS_AT_ONCE, MOST_PAIRS // grid.n_cells))
+    for i in range(0, len(goals), at_once):
+        block = np.asarray(goals[i : i + at_once])
         entering = _entering_values(tensors, grid, task, block)
         at_goal = np.arange(grid.n_cells)[:, None] == block[None, :]
         for _ in range(look_ahead - 1):
             best = (entering[next_cell] + np.float32(task.rho_blocked) * stopped[..., None]).max(1)
             entering = (_reward(tensors, task, at_goal) + np.float32(task.discount) * best * ~at_goal).astype(np.float32)
-        values[:, i : i + GOALS_AT_ONCE] = entering[next_cell].transpose(0, 2, 1)
+        values[:, i : i + at_once] = entering[next_cell].transpose(0, 2, 1)
     return values + np.float32(task.rho_blocked) * stopped[:, None, :].astype(np.float32)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from cellpilot.evaluate.statistics import mean_interval
+from cellpilot.evaluate.statistics import half_interval
 from cellpilot.report.style import (
     BLUE,
     GREEN,
@@ -44,12 +44,14 @@ def draw_adapt(data: xr.Dataset) -> Figure:
     lowest, labels = 0.0, json.loads(data.attrs.get("labels", "{}"))
     for i, arm in enumerate(data["arm"].values):
         scores = data["score"].sel(arm=arm).transpose("seed", "flights").values
-        low, high = zip(*(mean_interval(column) for column in scores.T), strict=True)
+        # One seed has no interval: its line stands alone.
+        half = np.nan_to_num(half_interval(scores, axis=0))
+        low, high = scores.mean(0) - half, scores.mean(0) + half
         line = LINES[i % len(LINES)]
         axes.fill_between(flights, low, high, color=line.colour, alpha=0.25, linewidth=0)
         look = {"color": line.colour, "linestyle": line.style, "marker": "o", "markersize": 3}
         axes.plot(flights, scores.mean(0), label=as_drawn(labels.get(str(arm), str(arm))), **look)
-        lowest = min(lowest, *low)
+        lowest = min(lowest, float(low.min()))
     for level, name in ((0.0, "greedy\nbaseline"), (1.0, "exact\noptimum")):
         axes.axhline(level, color=GREY, linestyle=":", linewidth=1.0)
         axes.text(1.01, level, name, transform=axes.get_yaxis_transform(), va="center", fontsize=8, color=GREY)
