@@ -291,3 +291,12 @@ def test_text_with_a_byte_order_mark_is_read_and_latin1_is_refused(tmp_path: Pat
     (tmp_path / "l").write_bytes("zürich".encode("latin-1"))
     with pytest.raises(InputError, match=r"l: not UTF-8 text \(byte 1.*write it again"):
         read_text(tmp_path / "l", "write it again")
+
+
+def test_an_axis_that_no_memory_holds_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "m.nc", "w") as file:
+        file.create_dataset("x", (10**12,), "f8", chunks=(1000,)).make_scale("x")
+    with pytest.raises(InputError, match=r"m\.nc: reading its axes needs 1\.6e\+04 GB"):
+        load_netcdf(tmp_path / "m.nc", "a dataset")

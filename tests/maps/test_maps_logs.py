@@ -10,7 +10,9 @@ import pytest
 from cellpilot.errors import InputError
 from cellpilot.maps import LogOptions, account_of, import_logs, read_log
 from cellpilot.maps.geodesy import farthest_from_the_rest
+from cellpilot.maps.samples import ELLIPSOID, STATED, TAKE_OFF, Samples
 from cellpilot.maps.sources.columns import named_columns
+from cellpilot.maps.sources.measured_log import heights_m
 
 NETWORK_SURVEY = (
     "deviceTime,latitude,longitude,altitude,speed,accuracy,missionId,recordNumber,groupNumber,mcc,mnc,tac,eci,earfcn,pci,rsrp,rsrq,ta,"
@@ -198,3 +200,12 @@ def test_a_packed_log_and_a_column_that_is_there_twice(tmp_path: Path) -> None:
     twice.write_text(twice.read_text().replace("SNR,1", "SNR,RS SNR"))
     with pytest.raises(InputError, match="two columns 'RS SNR'"):
         read_log(twice)
+
+
+def test_the_ground_counts_for_altitudes_above_the_ellipsoid_alone() -> None:
+    n = 3
+    text, number = np.full(n, ""), np.zeros(n)
+    references = np.array([STATED, TAKE_OFF, ELLIPSOID])
+    altitude_m = np.array([32.5, 47.0, 158.0])
+    samples = Samples(text, number, number, altitude_m, references, number, number, number, text, text)
+    assert heights_m(samples, 10.0, 100.0).tolist() == [32.5, 50.0, 60.0]

@@ -16,8 +16,9 @@ import pytest
 from cellpilot.errors import InputError
 from cellpilot.maps.sectors import sector_levels
 from cellpilot.maps.sources import raytraced
+from cellpilot.maps.sources.raytrace_worker import column_weights
 from cellpilot.maps.sources.raytraced import Rays, map_of_powers, missing_for_raytracing, raytrace_map, try_raytracing
-from cellpilot.radio import ColumnAntenna, Deployment, hexagonal_deployment
+from cellpilot.radio import ColumnAntenna, Deployment, element_gain_dbi, hexagonal_deployment
 
 NOISE_DBM = -174 + 70 + 9
 """Over 10 MHz, noise figure 9 dB."""
@@ -282,3 +283,12 @@ def test_munich() -> None:
     assert (again["blocked"].values == blocked).all()
     np.testing.assert_allclose(again["sinr_db"].values, sinr_db, atol=1e-3)
     assert np.nanmean(np.abs(other["sinr_db"].values - sinr_db)) > 0.1
+
+
+def test_the_weights_of_the_traced_column_point_where_ours_does() -> None:
+    column, zenith_deg = ColumnAntenna(8, 0.7, 6.0), np.linspace(60.0, 120.0, 61)
+    # Elements from the top down, seen from below: a wave that goes down reaches the lower ones ahead of the upper ones.
+    ahead = -2j * np.pi * 0.7 * np.arange(8)[:, None] * np.cos(np.radians(zenith_deg))
+    factor_db = 20 * np.log10(np.abs(column_weights(8, 0.7, 6.0) @ np.exp(ahead)))
+    expected_db = column.gain_dbi(0.0, zenith_deg) - element_gain_dbi(0.0, zenith_deg)
+    np.testing.assert_allclose(np.maximum(factor_db, -40.0), expected_db, rtol=0, atol=1e-6)

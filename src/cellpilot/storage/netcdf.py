@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cellpilot.errors import InputError
 from cellpilot.memory import check_memory
@@ -14,6 +14,8 @@ from cellpilot.storage.seal import check_seal, seal
 
 if TYPE_CHECKING:
     import xarray as xr
+
+REMEDY = "take a smaller one, or a machine with more memory"
 
 
 def save_netcdf(dataset: "xr.Dataset", path: Path, *, compress: bool = False) -> None:
@@ -49,9 +51,10 @@ def _read(path: Path, check: "Callable[[xr.Dataset], None]") -> "xr.Dataset | st
     import xarray as xr
 
     try:
+        check_memory(2 * _axes_bytes(path), f"{path}: reading its axes", REMEDY)
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False, decode_timedelta=False, cache=False) as opened:
             check(opened)
-            check_memory(2 * opened.nbytes, f"{path}: reading it", "take a smaller one, or a machine with more memory")
+            check_memory(2 * opened.nbytes, f"{path}: reading it", REMEDY)
             return opened.load()
     except InputError:
         raise
@@ -60,6 +63,21 @@ def _read(path: Path, check: "Callable[[xr.Dataset], None]") -> "xr.Dataset | st
         reason = _one_line(error)
     gc.collect()
     return reason
+
+
+def _axes_bytes(path: Path) -> int:
+    """Size of all arrays of one dimension: xarray reads those that are axes as soon as it opens a file."""
+    import h5py
+
+    sizes: list[int] = []
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and len(item.shape or ()) == 1:
+            sizes.append(item.shape[0] * item.dtype.itemsize)
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    return sum(sizes)
 
 
 def _one_line(error: Exception) -> str:
