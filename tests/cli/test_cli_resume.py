@@ -20,7 +20,7 @@ from cellpilot.learn import checkpoint, trainer
 from cellpilot.cli.main import main
 
 moment, n = sys.argv[1], int(sys.argv[2])
-trainer.train_many.__kwdefaults__.update(checkpoint_every_s=0.0, chunk_rounds=7)
+trainer.train_many.__wrapped__.__kwdefaults__.update(checkpoint_every_s=0.0, chunk_rounds=7)
 count = 0
 
 def reached(what):

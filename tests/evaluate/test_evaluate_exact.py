@@ -342,15 +342,8 @@ def test_on_a_large_map_sampled_flights_lead_to_few_goals_and_say_how_far_they_a
     assert 6 <= np.unique(instances.goal).size <= 12
     assert np.unique(instances.start).size > 150
     shares: list[float] = []
-    found = evaluate(
-        world,
-        task,
-        [GreedyPolicy(world), OptimalPolicy(world, task)],
-        seed=3,
-        n_sampled=400,
-        max_exhaustive_pairs=10,
-        progress=shares.append,
-    )
+    sampling = {"seed": 3, "n_sampled": 400, "max_exhaustive_pairs": 10}
+    found = evaluate(world, task, [GreedyPolicy(world), OptimalPolicy(world, task)], **sampling, progress=shares.append)
     assert not found.exhaustive
     assert len(shares) >= 6
     assert shares == sorted(shares)
@@ -358,5 +351,5 @@ def test_on_a_large_map_sampled_flights_lead_to_few_goals_and_say_how_far_they_a
     assert found.policies["optimal"]["return_mean"] > found.policies["greedy"]["return_mean"]
     # Small tables at a time change no number.
     monkeypatch.setattr(evaluation, "MOST_PAIRS", 10**9)
-    again = evaluate(world, task, [GreedyPolicy(world)], **settings)
+    again = evaluate(world, task, [GreedyPolicy(world)], **sampling)
     assert again.sampled["greedy"]["return_mean"] == found.sampled["greedy"]["return_mean"]

@@ -25,7 +25,7 @@ PROGRAM = """
 import sys
 from cellpilot.cli.main import main
 from cellpilot.learn import trainer
-trainer.train_many.__kwdefaults__.update(checkpoint_every_s=0.0)
+trainer.train_many.__wrapped__.__kwdefaults__.update(checkpoint_every_s=0.0)
 sys.exit(main())
 """
 LEARNERS = {

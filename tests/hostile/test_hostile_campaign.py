@@ -7,7 +7,7 @@ import pytest
 from campaign import campaign
 from originals import KINDS, make_originals
 
-ROUNDS = 8
+ROUNDS = 4
 """Inputs of each kind of file."""
 
 
