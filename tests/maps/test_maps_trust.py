@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from cellpilot.errors import InputError
 from cellpilot.maps import LogOptions, load_map, make_map, read_log, read_sites, save_map, write_sites
@@ -131,12 +130,11 @@ def test_a_zarr_write_that_fails_leaves_the_old_map_and_nothing_else(
 ) -> None:
     save_map(plain_map, tmp_path / "m.zarr")
 
-    def full(self: xr.Dataset, store: Path, **options: object) -> None:
-        (store / "sinr_db").mkdir()
+    def full(path: Path, content: bytes) -> None:
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(xr.Dataset, "to_zarr", full)
+        patch.setattr(Path, "write_bytes", full)
         with pytest.raises(InputError, match=r"m\.zarr: cannot be written \(no space left on device\)"):
             save_map(plain_map, tmp_path / "m.zarr")
     assert [path.name for path in tmp_path.iterdir()] == ["m.zarr"]

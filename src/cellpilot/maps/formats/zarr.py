@@ -11,7 +11,7 @@ import xarray as xr
 from cellpilot.errors import InputError
 from cellpilot.maps.schema import RadioMap, check_header, validate
 from cellpilot.memory import check_memory
-from cellpilot.storage import new_folder, parse_json, read_text, resolved
+from cellpilot.storage import digest_of_bytes, new_folder, parse_json, read_text, resolved
 
 SUMS = "cellpilot.sha256"
 """File in a store with the checksums of all others, as `sha256sum --check` reads it."""
@@ -29,10 +29,21 @@ def write(dataset: RadioMap, path: Path) -> None:
     path = resolved(path)  # of a link, what it points at is replaced
     if path.is_dir() and any(path.iterdir()) and not (path / ".zgroup").exists() and not (path / "zarr.json").exists():
         raise InputError(f"{path}: a folder that is no Zarr store; choose another name, it is not replaced")
+    files = _packed(dataset)
+    sums = "".join(f"{digest_of_bytes(content)}  {name}\n" for name, content in files.items())
     with new_folder(path) as temporary:
-        dataset.drop_encoding().to_zarr(temporary, mode="w", consolidated=True, zarr_format=2)
-        lines = [f"{_sum(file)}  {file.relative_to(temporary).as_posix()}\n" for file in _files(temporary)]
-        (temporary / SUMS).write_text("".join(lines), encoding="utf-8")
+        for name, content in (files | {SUMS: sums.encode()}).items():
+            (temporary / name).parent.mkdir(parents=True, exist_ok=True)
+            (temporary / name).write_bytes(content)
+
+
+def _packed(dataset: RadioMap) -> dict[str, bytes]:
+    """The files of a store by name, made in memory: on a full disk Zarr's own tasks complain on standard error."""
+    import zarr
+
+    files: dict[str, Any] = {}
+    dataset.drop_encoding().to_zarr(zarr.storage.MemoryStore(files), mode="w", consolidated=True, zarr_format=2)
+    return {name: files[name].to_bytes() for name in sorted(files)}
 
 
 def read(path: Path) -> RadioMap:
