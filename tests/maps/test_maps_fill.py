@@ -9,6 +9,7 @@ from hypothesis.extra.numpy import arrays
 from cellpilot.errors import InputError
 from cellpilot.maps import RadioMap, fill, grid_samples, make_map
 from cellpilot.maps.estimate.fill import measured_cells
+from cellpilot.maps.estimate.methods import Known, gaussian_process
 
 
 def build(sinr_db: np.ndarray, bin_m: float = 20.0) -> RadioMap:
@@ -113,3 +114,12 @@ def test_what_the_estimates_get_of_a_cell_are_the_squares_of_its_samples() -> No
     known = measured_cells(radio_map)
     assert known.n_samples.tolist() == [3.0, 1.0]
     np.testing.assert_allclose(known.squares_db2, [((values_db[:3] - 6.0) ** 2).sum(), 0.0], rtol=1e-6)
+
+
+def test_a_cell_of_many_samples_is_surer_than_one_of_a_single_sample() -> None:
+    points_m = np.array([(20.0 * i, 0.0, 30.0) for i in range(12)])
+    n_samples = np.where(np.arange(12) % 2, 400.0, 1.0)
+    values_db = np.random.default_rng(0).normal(0.0, 6.0, 12)
+    known = Known(points_m, values_db, n_samples, 5.0**2 * (n_samples - 1), np.zeros(12))
+    std_db = gaussian_process(known, points_m, np.zeros(12)).std_db
+    assert std_db[1::2].max() < 0.5 * std_db[::2].min()

@@ -76,10 +76,10 @@ def test_sectors_that_are_not_always_busy_disturb_by_their_load(load: float) -> 
     sectors = {"sector_carrier_hz": [2e9] * 2, "sector_bandwidth_hz": [10e6] * 2, "sector_load": [1.0, load]}
     axes = {"x_m": [0.0, 20.0], "y_m": [0.0], "z_m": [30.0]}
     radio_map = make_map(np.zeros((1, 1, 2)), **axes, source="test", optional={"rsrp_dbm": rsrp_dbm}, sectors=sectors)
-    radio_map.attrs["noise_figure_db"] = 9.0
+    radio_map.attrs["noise_figure_db"] = 7.0
     found = sector_levels(radio_map)
     assert found is not None
-    noise_mw = 10 ** ((-95.0 - 10 * np.log10(600)) / 10)
+    noise_mw = 10 ** ((-97.0 - 10 * np.log10(600)) / 10)
     for cell, other_dbm in enumerate((-90.0, -85.0)):
         assert found[1][0, cell] == pytest.approx(-80.0 - 10 * np.log10(load * 10 ** (other_dbm / 10) + noise_mw), abs=1e-6)
         assert found[1][1, cell] == pytest.approx(other_dbm - 10 * np.log10(10**-8.0 + noise_mw), abs=1e-6)
