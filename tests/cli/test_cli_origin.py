@@ -223,3 +223,11 @@ def test_evaluations_are_equal_before_and_after_being_saved(place: Path, cli: Cl
     data = load_evaluation(place / "run")
     assert json.loads(data.attrs["metrics"]) == printed
     assert np.isfinite(data["drawn_return"]).all()
+
+
+def test_the_numbers_of_a_run_are_printed_even_where_they_cannot_be_saved(trained: Path, cli: Cli) -> None:
+    (trained / "eval.nc").mkdir()
+    result = cli("run", "--resume", "trained")
+    assert result.code == 2
+    assert "arg max" in result.out
+    assert "eval.nc: cannot be written" in result.err.splitlines()[-1]

@@ -60,6 +60,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _evaluate_and_report(runs: Sequence[Run]) -> None:
+    """Evaluate each run, print its figures, and then save them: what cannot be saved is not lost."""
     from cellpilot.report import write_report
     from cellpilot.report.tables import text_table
 
@@ -67,13 +68,12 @@ def _evaluate_and_report(runs: Sequence[Run]) -> None:
     for run in runs:
         with share_bar("evaluate") as progress:
             evaluation = evaluate_run(run, progress=progress)
-        save_evaluation(run, evaluation)
-        report = write_report(run.folder)
         figures.append(payload(run, evaluation)["policies"])
-        log_evaluation(run.folder, figures[-1], make_learner(run.scenario.learner).rounds)
         if len(runs) == 1:
             out.print(text_table(payload(run, evaluation)))
-        out.print(f"report: {report}")
+        save_evaluation(run, evaluation)
+        log_evaluation(run.folder, figures[-1], make_learner(run.scenario.learner).rounds)
+        out.print(f"report: {write_report(run.folder)}")
     if len(runs) > 1:
         out.print(policies_over_seeds(figures))
 
