@@ -81,6 +81,7 @@ def ablation(run: Run, n_seeds: int, progress: Callable[[float], None] = lambda 
 
 def _variant_curves(run: Run, arena: "Arena", name: str, n_seeds: int, progress: Callable[[float], None]) -> np.ndarray | None:
     """Learning curves `[seeds, episodes]` of one variant, read or trained; None if training was interrupted."""
+    from cellpilot.learn.compile import forget_programs
     from cellpilot.learn.trainer import train_many
 
     double, hindsight = VARIANTS[name]
@@ -105,6 +106,7 @@ def _variant_curves(run: Run, arena: "Arena", name: str, n_seeds: int, progress:
             curve = result.history["episode_return"]
             save_array(curve, file(result.seed))
             checkpoint(result.seed).unlink()
+        forget_programs()
     progress(1.0)
     return np.stack([load_array(file(seed)) for seed in range(n_seeds)])
 
@@ -175,6 +177,7 @@ def _points(task: Task) -> Iterator[tuple[str, float, Task]]:
 def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> LearnedPolicy | None:
     """The learner trained on the run's map for other rewards; kept in the folder `sensitivity/`, one file per task."""
     from cellpilot.envs.arena import make_arena
+    from cellpilot.learn.compile import forget_programs
     from cellpilot.learn.trainer import train
 
     settings = make_learner(run.scenario.learner)
@@ -189,6 +192,7 @@ def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> Learn
             return None
         save_parameters(result.policy_parameters(run.world.grid.sides, {"task": asdict(task)}), file)
         checkpoint.unlink()
+        forget_programs()
     # What one would fly: arg max of near-exact values, but that of the published learner's circles.
     temperature = run.scenario.evaluation.boltzmann_temperature if settings.algorithm == PUBLISHED else None
     return LearnedPolicy(load_parameters(file), run.world.grid, temperature)

@@ -66,3 +66,13 @@ def test_the_sensitivity_trains_the_near_exact_learner_too(place: Path, cli: Cli
     result = cli("sensitivity", "tiny.toml", "--learner.algorithm", "fqi-her", *BRIEF_FLAGS, "--learned", "--out", "study")
     assert result.code == 0, result.err
     assert values(place / "study" / "sensitivity.nc", "policy").tolist() == ["greedy", "optimal", "learned/argmax"]
+
+
+def test_a_study_lets_go_of_the_programs_of_its_trainings(place: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    import jax
+
+    forgotten: list[str] = []
+    monkeypatch.setattr(jax, "clear_caches", lambda: forgotten.append("programs"))
+    few = ("--learner.episodes", "5", "--learner.replay-start", "100", "--learner.updates-per-episode", "2")
+    assert cli("ablation", "tiny.toml", "--seeds", "1", "--out", "study", *few).code == 0
+    assert len(forgotten) == 4  # one for each variant

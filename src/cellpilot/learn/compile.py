@@ -28,3 +28,8 @@ def single_precision(function: Callable[Arguments, Result]) -> Callable[Argument
             return function(*arguments, **options)
 
     return inner
+
+
+def forget_programs() -> None:
+    """Let go of all compiled programs: every training of a study has its own, which would stay in memory until its end."""
+    jax.clear_caches()
