@@ -11,7 +11,7 @@ from cellpilot.errors import InputError
 from cellpilot.evaluate import evaluate
 from cellpilot.evaluate.evaluation import exhaustive_summary
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, RandomPolicy
-from cellpilot.policies.base import one_hot
+from cellpilot.policies.base import greedy_actions, one_hot
 from cellpilot.policies.optimal import optimal_values
 from cellpilot.task import Task
 from cellpilot.world import World
@@ -262,3 +262,26 @@ def test_undiscounted_values_are_those_of_repeated_backing_up(
         here = (world.part == world.part[goal]) & (np.arange(world.grid.n_cells) != goal)
         np.testing.assert_allclose(found[here], q[here], atol=1e-9)
         assert np.isneginf(found[(world.part >= 0) & (world.part != world.part[goal])]).all()
+
+
+@pytest.mark.parametrize("discount", [0.5, 0.95, 0.995])
+@pytest.mark.parametrize(("sides", "blocked_share"), [((12, 9, 1), 0.0), ((12, 9, 1), 0.2), ((6, 5, 3), 0.15)])
+def test_policy_iteration_finds_the_values_of_value_iteration(
+    random_world: Callable[..., World],
+    monkeypatch: pytest.MonkeyPatch,
+    sides: tuple[int, int, int],
+    blocked_share: float,
+    discount: float,
+) -> None:
+    from cellpilot.policies import optimal
+
+    world, task = random_world(3, sides, blocked_share), Task(discount=discount, rho_blocked=-0.2, max_steps=500)
+    goals = world.free_cells[:: len(world.free_cells) // 7]
+    swept = optimal.optimal_values(world, task, goals)
+    monkeypatch.setattr(optimal, "LARGE_CELLS", 10)
+    improved = optimal.optimal_values(world, task, goals)
+    alive = np.ones(swept.shape[:2], bool)
+    alive[goals, np.arange(len(goals))] = False
+    alive &= ~world.blocked[:, None] & (world.part[:, None] == world.part[goals][None, :])
+    np.testing.assert_allclose(improved[alive], swept[alive], atol=1e-6)
+    np.testing.assert_array_equal(greedy_actions(improved)[alive], greedy_actions(swept)[alive])

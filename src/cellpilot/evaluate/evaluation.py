@@ -22,8 +22,8 @@ MAX_EXHAUSTIVE_PAIRS = 5_000_000
 GOALS_AT_ONCE = 40
 MOST_PAIRS = 4_000_000
 """Cells times goals of one table of probabilities."""
-LARGE_CELLS, GOALS_TIMES_CELLS = 20_000, 2_500_000
-"""Above so many cells, sampled flights lead to fewer goals: 27 on 300 x 300 cells, 10 on 1,000 x 1,000."""
+LARGE_CELLS, GOALS_TIMES_CELLS = 20_000, 9_000_000
+"""Above so many cells, sampled flights lead to fewer goals: 100 on 300 x 300 cells, 10 on 1,000 x 1,000."""
 A3 = HandoverRule()
 FLAT = 1e-6
 """Below this difference of return between optimum and baseline there is nothing to score."""

@@ -16,6 +16,10 @@ from cellpilot.world import World
 CONVERGED = 1e-9
 COST_OF_NOTHING = 1e-6
 MAX_SWEEPS = 20_000
+NOTHING_LEFT = 1e-18
+"""A discount so small that what lies behind it does not count."""
+LARGE_CELLS = 20_000
+"""Above so many cells sweeps number thousands, and policy iteration is some thirty times as fast."""
 GOALS_AT_ONCE = 64
 MOST_VALUES = 4_000_000
 """Cells times goals of one table (32 MB, of which some ten are kept at a time)."""
@@ -63,6 +67,11 @@ def _solve(world: World, task: Task, goals: IntArray, discount: float) -> NDArra
         value = task.rho_goal - _least_cost(world, task, goals, low)
         value[at_goal] = floor
         return np.stack([back_up(a) for a in range(n_actions)], axis=-1)
+    if n_cells > LARGE_CELLS and task.rho_step + max(0.0, task.rho_sinr) < 0 and task.rho_blocked <= 0:
+        # One goal at a time: what it looks up stays in the cache of a core.
+        return np.concatenate(
+            [_by_policy_iteration(world, task, goals[i : i + 1], discount, low) for i in range(len(goals))], axis=1
+        )
     for _ in range(MAX_SWEEPS):
         new = back_up(0)
         for action in range(1, n_actions):
@@ -77,6 +86,47 @@ def _solve(world: World, task: Task, goals: IntArray, discount: float) -> NDArra
             "the optimum does not exist without discount: circling earns rewards; make rho_step negative or the discount below 1"
         )
     raise InputError(f"the optimum was not found in {MAX_SWEEPS} sweeps at discount {discount:g}: lower the discount")
+
+
+def _by_policy_iteration(
+    world: World, task: Task, goals: IntArray, discount: float, low: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Discounted values where every step costs (Howard 1960); begins with the cheapest paths, which are nearly the best ones.
+
+    A state is a pair (goal, cell), all of them in one row. In the goal and in blocked cells everything ends, at no cost.
+    """
+    n_cells, n_actions = world.grid.n_cells, world.grid.n_actions
+    n_states = len(goals) * n_cells
+    cell, goal = np.arange(n_cells)[None, :], goals[:, None]
+    over = ((cell == goal) | world.blocked).ravel()
+    next_state = np.empty((n_actions, n_states), np.intp)
+    reward = np.empty((n_actions, n_states))
+    for action in range(n_actions):
+        leads = world.next_cell[:, action] + n_cells * np.arange(len(goals))[:, None]
+        next_state[action] = np.where(over, np.arange(n_states), leads.ravel())
+        reward[action] = np.where(over, 0.0, task.expected_outcome(world, cell, action, goal, low)[0].ravel())
+    first = np.where(over, 0.0, -_least_cost(world, task, goals, low).T.ravel())
+    policy = np.argmax(reward + first[next_state], axis=0)
+    rounding = 4e-15 * (abs(task.rho_goal) + abs(task.rho_step) + abs(task.rho_sinr) + abs(task.rho_blocked)) / (1 - discount)
+    for _ in range(MAX_SWEEPS):
+        value = _value_of(next_state, reward, policy, over, discount)
+        values = reward + discount * value[next_state]
+        better = values.max(0) > value + rounding
+        if not better.any():
+            return values.T.reshape(len(goals), n_cells, n_actions).swapaxes(0, 1)
+        policy[better] = values[:, better].argmax(0)
+    raise InputError(f"the optimum was not found in {MAX_SWEEPS} policies at discount {discount:g}: lower the discount")
+
+
+def _value_of(
+    next_state: NDArray[np.intp], reward: NDArray[np.float64], policy: IntArray, over: NDArray[np.bool_], discount: float
+) -> NDArray[np.float64]:
+    """Discounted return `[states]` of a policy: what 2, 4, 8, ... steps earn, until all is over or discounted to nothing."""
+    state = np.arange(len(policy))
+    end, value = next_state[policy, state], reward[policy, state]
+    while discount > NOTHING_LEFT and not over[end].all():
+        value, end, discount = value + discount * value[end], end[end], discount * discount
+    return value
 
 
 def _least_cost(world: World, task: Task, goals: IntArray, low: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ import xarray as xr
 from cellpilot.errors import InputError
 from cellpilot.maps import RadioMap, load_map
 from cellpilot.policies import LearnedPolicy, OptimalPolicy, PolicyParameters, load_parameters
+from cellpilot.report.checks import check_metrics, check_variables
 from cellpilot.runs import RunFacts, map_digest, policy_digest, read_facts
 from cellpilot.storage import load_netcdf, parse_json
 from cellpilot.task import Task
@@ -65,8 +66,10 @@ def load_content(folder: Path) -> Content:
     try:
         metrics, task = json.loads(flights.attrs["metrics"]), Task(**json.loads(flights.attrs["task"]))
         noise_std_db = float(flights.attrs["noise_std_db"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{folder / 'eval.nc'}: attribute missing or unreadable ({error}); evaluate the run again") from error
+    check_variables(flights, "eval", str(folder / "eval.nc"))
+    check_metrics(metrics, str(folder / "eval.nc"))
     radio_map = load_map(folder / "map.nc")
     policy = folder / "policy.safetensors"
     parameters = load_parameters(policy) if policy.exists() else None
@@ -97,4 +100,7 @@ def _check_origin(folder: Path, flights: xr.Dataset, radio_map: RadioMap, parame
 
 
 def _dataset(path: Path) -> xr.Dataset | None:
-    return load_netcdf(path, "what cellpilot has written: make it again") if path.exists() else None
+    if not path.exists():
+        return None
+    found = load_netcdf(path, "what cellpilot has written: make it again")
+    return found if path.stem == "eval" else check_variables(found, path.stem, str(path))
