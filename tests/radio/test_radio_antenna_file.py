@@ -167,3 +167,23 @@ def test_an_antenna_file_made_by_hand(tmp_path: Path) -> None:
     made = AntennaFile({"NAME": "x", "ELECTRICAL_TILT": "0"}, 12.3456789, None, 0.0, CUT_DB, CUT_DB)
     write_antenna(made, tmp_path / "x.msi")
     assert read_antenna(tmp_path / "x.msi").gain_dbi == made.gain_dbi
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *("ELECTRICAL_TILT 3,5", "ELECTRICAL_TILT 1e9", "ELECTRICAL_TILT -91", "TILT 91", "TILT 3 4", "TILT 6.5x"),
+        *("FREQUENCY 1845,5", "FREQUENCY 1e9x", "FREQUENCY 0", "FREQUENCY 1710 2170"),
+    ],
+)
+def test_a_header_that_is_not_all_a_number_is_refused(tmp_path: Path, line: str) -> None:
+    word = line.split()[0]
+    header = [text for text in HEADER if text.split()[0] not in (word, "TILT")] + [line]
+    cut = [f"{degree} 0" for degree in range(360)]
+    path = tmp_path / "a.msi"
+    path.write_text("\n".join([*header, "HORIZONTAL 360", *cut, "VERTICAL 360", *cut]))
+    with pytest.raises(InputError, match=rf"a\.msi: {word} is .*; expected one number"):
+        read_antenna(path)
+    path.write_text("\n".join([*HEADER, "HORIZONTAL 360", *cut, "VERTICAL 360", *cut, "VERTICAL 360", *cut]))
+    with pytest.raises(InputError, match="a second cut VERTICAL"):
+        read_antenna(path)
