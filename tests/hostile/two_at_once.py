@@ -67,7 +67,8 @@ def once(words: str, originals: Path) -> tuple[str, list[str]]:
 
 def _unsound(place: Path, run: str, words: str) -> list[str]:
     """What is not whole in a run folder afterwards: seed, state, policy and curve are of one training."""
-    if not (place / run / "scenario.toml").exists() or "--seed" not in words:
+    trains = words.startswith(("run", "train")) and "--seed" in words
+    if not trains or not (place / run / "scenario.toml").exists():
         return []
     from cellpilot.runs import open_run
     from cellpilot.storage import load_netcdf
