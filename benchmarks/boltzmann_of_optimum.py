@@ -13,8 +13,8 @@ from cellpilot.evaluate.evaluation import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS
 from cellpilot.experiment import make_map, make_task
 from cellpilot.grid import IntArray
-from cellpilot.policies.optimal import optimal_values
 from cellpilot.scenario import find_scenario, load_scenario
+from cellpilot.solve import optimal_values
 from cellpilot.task import Task
 from cellpilot.world import World
 

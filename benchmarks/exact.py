@@ -9,7 +9,7 @@ control is value iteration on the learned penalty alone: what the penalty model 
 import argparse
 import sys
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,8 @@ from cellpilot.evaluate.deterministic import DeterministicFigures, deterministic
 from cellpilot.experiment import make_learner, make_map, make_task
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
-from cellpilot.policies.optimal import optimal_values
 from cellpilot.scenario import Scenario, find_scenario, load_scenario
+from cellpilot.solve import optimal_values
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -61,16 +61,16 @@ def case(name: str, scenario: Scenario, seeds: range, changes: dict[str, Any], a
     world = World.from_map(make_map(scenario.map), scenario.task.noise_std_db)
     task = make_task(scenario.task, world.grid)
     if at_median:
-        task = replace(task, threshold_db=float(np.median(world.sinr_db)))
+        task = replace(task, threshold_db=float(np.median(world.signal.mean_db)))
     settings = make_learner(scenario.learner.model_copy(update=changes))
     greedy, optimal = (deterministic_figures(world, task, policy) for policy in (GreedyPolicy(world), OptimalPolicy(world, task)))
-    low = float((world.sinr_db < task.threshold_db).mean())
+    low = float((world.signal.mean_db < task.threshold_db).mean())
     show(f"{name}: {low:.0%} of the cells low; optimum p90 {optimal.path_ratio_p90:.3f}")
     for seed in seeds:
         began = time.perf_counter()
         result = train(settings, task, make_arena(world), seed)
         seconds = time.perf_counter() - began
-        parameters = result.policy_parameters(world.grid.sides, {"task": asdict(task)})
+        parameters = result.policy_parameters(world.grid.sides, {"task": task.as_dict()})
         learned = deterministic_figures(world, task, LearnedPolicy(parameters, world.grid))
         line = (
             f"  seed {seed}: {_figures(learned, greedy, optimal)}, RMSE of Q {_error_of_q(world, task, parameters):.4f}, "
@@ -96,9 +96,9 @@ def _figures(found: DeterministicFigures, greedy: DeterministicFigures, optimal:
 
 def _error_of_q(world: World, task: Task, parameters: Any) -> float:
     """Root-mean-square error of the action values against the exact ones, over 200 goals where there are more."""
-    goals = world.free_cells[:: max(1, len(world.free_cells) // 200)]
+    goals = world.airspace.free_cells[:: max(1, len(world.airspace.free_cells) // 200)]
     wrong = parameters.values(world.grid, goals) - optimal_values(world, task, goals)
-    inside = (np.arange(world.grid.n_cells)[:, None] != goals[None, :]) & ~world.blocked[:, None]
+    inside = (np.arange(world.grid.n_cells)[:, None] != goals[None, :]) & ~world.airspace.blocked[:, None]
     return float(np.sqrt(np.square(wrong[inside]).mean()))
 
 
@@ -108,7 +108,7 @@ def _as_learned(world: World, task: Task, penalty: np.ndarray) -> World:
 
     certain = np.clip(penalty.astype(np.float64), 1e-12, 1 - 1e-12)
     sinr_db = (task.threshold_db - ndtri(certain)).astype(np.float32)
-    return replace(world, sinr_db=sinr_db, sinr_std_db=np.zeros_like(sinr_db), noise_std_db=1.0)
+    return replace(world, signal=replace(world.signal, mean_db=sinr_db, unknown=None, noise_std_db=1.0))
 
 
 if __name__ == "__main__":

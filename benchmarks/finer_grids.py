@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1, help="seeds 0..N-1")
     options = parser.parse_args()
     case = make_case(LEARNERS["fqi-her"], options.side)
-    goals = np.sort(np.random.default_rng(0).choice(case.world.free_cells, GOALS, replace=False))
+    goals = np.sort(np.random.default_rng(0).choice(case.world.airspace.free_cells, GOALS, replace=False))
     for seed in range(options.seeds):
         for rounds in filter(None, options.rounds):
             began = time.perf_counter()

@@ -26,7 +26,7 @@ class GoalFlight(gymnasium.Env[Observation, np.int64]):
     """
 
     def __init__(self, world: World, task: Task):
-        if world.noise_std_db or world.sinr_std_db.any() or world.blocked.any():
+        if world.signal.noise_std_db or world.signal.std_db.any() or world.airspace.blocked.any():
             raise InputError("GoalFlight derives rewards from positions alone: use a world without noise and blocked cells")
         grid = world.grid
         self.max_steps, self.rho_goal = task.max_steps, task.rho_goal
@@ -34,14 +34,16 @@ class GoalFlight(gymnasium.Env[Observation, np.int64]):
         self.strides = np.cumprod([1, *self.sides[:-1]])
         cells = np.arange(grid.n_cells)
         self.coordinates = ((grid.position(cells)[:, : grid.n_dimensions] + 1) / self.sides).astype(np.float32)
-        self.reward_of_entering, _ = task.outcome(Transition(cells, None, cells, world.sinr_db, world.stopped[:, 0]), -1)
+        self.reward_of_entering = task.outcome(
+            Transition(cells, None, cells, world.signal.mean_db, np.zeros(grid.n_cells)), -1
+        ).reward
         self.rows = list(self.coordinates)
-        self.next_cells: list[list[int]] = world.next_cell.tolist()
+        self.next_cells: list[list[int]] = world.airspace.next_cell.tolist()
         self.rewards: list[float] = self.reward_of_entering.tolist()
-        self.free_cells: list[int] = world.free_cells.tolist()
+        self.free_cells: list[int] = world.airspace.free_cells.tolist()
         box = spaces.Box(0.0, 1.0, (grid.n_dimensions,), np.float32)
         self.observation_space = spaces.Dict({"observation": box, "achieved_goal": box, "desired_goal": box})
-        self.action_space = spaces.Discrete(grid.n_actions)
+        self.action_space = spaces.Discrete(world.airspace.n_actions)
         self.cell, self.goal, self.n_steps = 0, 1, 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:

@@ -121,7 +121,7 @@ def fly(name: str, settings: MapLearnerSettings, seed: int, seeds: dict[str, lis
 def replan_times(learner: MapLearner, world: World, seed: int) -> dict[str, float]:
     """Median milliseconds of one plan for one goal, and of one measurement taken into the posterior."""
     rng = np.random.default_rng(seed)
-    goals = rng.choice(world.free_cells, 20)
+    goals = rng.choice(world.airspace.free_cells, 20)
 
     def median_ms(act: Callable[[int], object]) -> float:
         times = []

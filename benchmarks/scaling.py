@@ -170,9 +170,9 @@ def quality_point(learner: Learner, side: int, n_seeds: int, arguments: argparse
     result = train(case.settings, case.task, case.arena, n_seeds - 1, interrupted=over)
     seconds = time.perf_counter() - began
     world, task = case.world, case.task
-    about = {"task": vars(task)}
+    about = {"task": task.as_dict()}
     learned = LearnedPolicy(result.policy_parameters(world.grid.sides, about), world.grid)
-    free = world.free_cells
+    free = world.airspace.free_cells
     goals = free if side <= min(SIDES) else np.sort(np.random.default_rng(0).choice(free, GOALS, replace=False))
     greedy, optimal, found = (
         deterministic_figures(world, task, policy, goals) for policy in (GreedyPolicy(world), OptimalPolicy(world, task), learned)

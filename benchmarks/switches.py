@@ -10,7 +10,6 @@ import argparse
 import platform
 import sys
 import time
-from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
@@ -61,7 +60,7 @@ def main() -> int:
         results = train_many(make_learner(learner), task, make_arena(world), range(options.seeds))
         seconds = time.perf_counter() - began
         published_s = seconds if name == "as published" else published_s
-        about = {"task": asdict(task)}
+        about = {"task": task.as_dict()}
         rows = [figures_of(world, task, result.policy_parameters(world.grid.sides, about)) for result in results]
         show(f"  {name}, seed by seed: " + "; ".join(" ".join(f"{value:.4g}" for value in row) for row in rows))
         cells = [f"{np.mean(column):.4g} ({min(column):.4g} to {max(column):.4g})" for column in zip(*rows, strict=True)]
@@ -75,7 +74,7 @@ def figures_of(world: World, task: Task, parameters: Any) -> list[float]:
     greedy, optimal = (deterministic_figures(world, task, policy) for policy in (GreedyPolicy(world), OptimalPolicy(world, task)))
     best = deterministic_figures(world, task, LearnedPolicy(parameters, world.grid))
     boltzmann = LearnedPolicy(parameters, world.grid, 0.1)
-    soft = exact_summary(np.random.default_rng(0), world, task, boltzmann, world.free_cells, draw_every=10_000)
+    soft = exact_summary(np.random.default_rng(0), world, task, boltzmann, world.airspace.free_cells, draw_every=10_000)
     return [
         score(best, greedy, optimal) or 0.0,
         100 * best.reached_share,

@@ -48,7 +48,7 @@ def main() -> None:
 def show(name: str, task_of: Scenario, learners: dict[str, Scenario], world: World, n_seeds: int) -> None:
     """The rows of one map."""
     task = make_task(task_of.task, world.grid)
-    low = world.sinr_db[world.free_cells] < task.threshold_db
+    low = world.signal.mean_db[world.airspace.free_cells] < task.threshold_db
     rows: dict[str, list[DeterministicFigures]] = {
         "greedy": [deterministic_figures(world, task, GreedyPolicy(world))],
         "optimum": [deterministic_figures(world, task, OptimalPolicy(world, task))],
@@ -58,16 +58,15 @@ def show(name: str, task_of: Scenario, learners: dict[str, Scenario], world: Wor
         found = []
         for seed in range(n_seeds):
             trained = train(make_learner(scenario.learner), task, make_arena(world), seed)
-            parameters = trained.policy_parameters(world.grid.sides, {"task": vars(task)})
+            parameters = trained.policy_parameters(world.grid.sides, {"task": task.as_dict()})
             found.append(deterministic_figures(world, task, LearnedPolicy(parameters, world.grid)))
         rows[f"{learner}, {n_seeds} seeds, {(time.perf_counter() - began) / n_seeds:.0f} s each"] = found
     greedy, optimal = rows["greedy"][0], rows["optimum"][0]
     for policy, figures in rows.items():
         scores = [score(each, greedy, optimal) or 0.0 for each in figures]
         cells = [spread([getattr(each, what) for each in figures], form) for what, form in COLUMNS.items()]
-        console.print(
-            f"| {name} | {len(world.free_cells)} | {low.mean():.0%} | {policy} | {' | '.join(cells)} | {spread(scores, '.3f')} |"
-        )
+        n_free = len(world.airspace.free_cells)
+        console.print(f"| {name} | {n_free} | {low.mean():.0%} | {policy} | {' | '.join(cells)} | {spread(scores, '.3f')} |")
 
 
 COLUMNS = {"reached_share": ".2%", "low_sinr_share": ".2%", "path_ratio_p90": ".3f", "return_mean": ".3f"}

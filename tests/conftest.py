@@ -8,13 +8,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, is_dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import settings
 
+from cellpilot.airspace import MOVE_SETS, Airspace, Rule
 from cellpilot.grid import Grid
+from cellpilot.signal import Signal, Unknown
 from cellpilot.world import World
 
 # Workers of `-n auto` and commands inherit this: threads of several processes on the same cores wait for each other, and a
@@ -148,6 +151,9 @@ def make_world() -> MakeWorld:
         blocked: Iterable[Triple] = (),
         noise_std_db: float = 0.0,
         sinr_std_db: object = 0.0,
+        rule: Rule = "stay",
+        n_moves: int | None = None,
+        correlation_m: float = 0.0,
     ) -> World:
         grid = Grid(*(tuple(20.0 * i + 10.0 for i in range(n)) for n in sides))
         n = grid.n_cells
@@ -156,7 +162,8 @@ def make_world() -> MakeWorld:
             mask[z, y, x] = True
         sinr = np.broadcast_to(np.asarray(sinr_db, np.float32), n).copy()
         std = np.broadcast_to(np.asarray(sinr_std_db, np.float32), n).copy()
-        return World(grid, sinr, std, noise_std_db, mask.ravel())
+        airspace = Airspace.of_blocked(grid, mask.ravel(), rule, None if n_moves is None else MOVE_SETS[n_moves])
+        return World(airspace, Signal(sinr, noise_std_db, Unknown.of(grid, std, correlation_m)))
 
     return make
 
@@ -172,6 +179,7 @@ def random_world(make_world: MakeWorld) -> MakeWorld:
         noise_std_db: float = 0.0,
         sinr_std_db: float = 0.0,
         n_free_first: int = 2,
+        **more: Any,
     ) -> World:
         rng = np.random.default_rng(seed)
         n = sides[0] * sides[1] * sides[2]
@@ -179,7 +187,7 @@ def random_world(make_world: MakeWorld) -> MakeWorld:
         chosen[:n_free_first] = False
         positions = PlainWorld(sides, frozenset()).positions
         blocked = [p for p, b in zip(positions, chosen, strict=True) if b]
-        return make_world(sides, rng.normal(3.0, 6.0, n), blocked, noise_std_db, sinr_std_db * rng.random(n))
+        return make_world(sides, rng.normal(3.0, 6.0, n), blocked, noise_std_db, sinr_std_db * rng.random(n), **more)
 
     return make
 
@@ -191,7 +199,7 @@ def plain() -> Callable[[World], PlainWorld]:
     def make(world: World) -> PlainWorld:
         empty = PlainWorld(world.grid.sides, frozenset())
         return PlainWorld(
-            world.grid.sides, frozenset(p for p, b in zip(empty.positions, world.blocked.tolist(), strict=True) if b)
+            world.grid.sides, frozenset(p for p, b in zip(empty.positions, world.airspace.blocked.tolist(), strict=True) if b)
         )
 
     return make

@@ -58,9 +58,9 @@ def test_goal_flight_agrees_with_world_and_task():
         assert cell != goal
         while not ended:
             action = rng.integers(4)
-            next_cell = world.next_cell[cell, action]
-            facts = Transition(cell, action, next_cell, world.sinr_db[next_cell], world.stopped[cell, action])
-            expected_reward, expected_terminated = task.outcome(facts, goal)
+            next_cell = world.airspace.next_cell[cell, action]
+            facts = Transition(cell, action, next_cell, world.signal.mean_db[next_cell], world.airspace.event[cell, action])
+            expected_reward, _, expected_terminated = task.outcome(facts, goal)
             observation, reward, terminated, truncated, _ = env.step(action)
             n_steps += 1
             assert reward == pytest.approx(expected_reward)
@@ -72,7 +72,7 @@ def test_goal_flight_agrees_with_world_and_task():
     assert 0 < reached < 30
     entered, goals = rng.integers(world.grid.n_cells, size=(2, 500))
     goals[:50] = entered[:50]
-    facts = Transition(entered, None, entered, world.sinr_db[entered], np.zeros(500, bool))
+    facts = Transition(entered, None, entered, world.signal.mean_db[entered], np.zeros(500, np.uint8))
     rewards = env.compute_reward(env.coordinates[entered], env.coordinates[goals], [{}] * 500)
     np.testing.assert_allclose(rewards, task.outcome(facts, goals)[0])
 
@@ -85,8 +85,8 @@ def test_scaling_keeps_the_map_and_scores_what_was_trained():
     learner = scaling.Learner("thesis-2d", 2)
     small, large = (scaling.make_case(learner, side) for side in (10, 20))
     assert large.world.grid.sides[:2] == (20, 20)
-    coarse = np.asarray(large.world.sinr_db).reshape(10, 2, 10, 2).mean((1, 3)).ravel()
-    np.testing.assert_allclose(coarse, small.world.sinr_db, atol=0.01)  # the same points, averaged over other cells
+    coarse = np.asarray(large.world.signal.mean_db).reshape(10, 2, 10, 2).mean((1, 3)).ravel()
+    np.testing.assert_allclose(coarse, small.world.signal.mean_db, atol=0.01)  # the same points, averaged over other cells
     budget = Namespace(time_budget=0.0, quality_budget=0.0)
     point = scaling.quality_point(learner, 10, 1, budget)
     assert point["share_trained"] == 0

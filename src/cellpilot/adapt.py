@@ -60,7 +60,7 @@ PRIOR_SETTINGS = MapLearnerSettings(kernel=Kernel(offset_std_db=5.0, height_offs
 
 
 def _map_with_prior(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
-    known_db = transfer.prepared.sinr_db.astype(np.float64)
+    known_db = transfer.prepared.signal.mean_db.astype(np.float64)
     for learner in learn_map(transfer.truth, transfer.task, PRIOR_SETTINGS, seed, checkpoints, known_db):
         yield learner.policy()
 
@@ -150,7 +150,7 @@ def adapt(
         coords={"arm": list(arms), "seed": np.arange(n_seeds), "flights": checkpoints},
         attrs={
             "threshold_db": task.threshold_db,
-            "noise_std_db": world.noise_std_db,
+            "noise_std_db": world.signal.noise_std_db,
             "greedy_return": greedy.return_mean,
             "optimal_return": optimal.return_mean,
             "score_of_optimum_of_a": score(optimal_of_a, greedy, optimal),
@@ -185,16 +185,18 @@ def _curve(
 def _mark(transfer: Transfer, checkpoints: Sequence[int]) -> str:
     """Names everything a curve depends on besides arm and seed."""
     truth, prepared = transfer.truth, transfer.prepared
-    text = repr((transfer.task, truth.noise_std_db, truth.grid, PRIOR_SETTINGS, MapLearnerSettings(), transfer.deep, checkpoints))
-    return digest([truth.sinr_db, truth.blocked, prepared.sinr_db, np.frombuffer(text.encode(), np.uint8)])
+    text = repr(
+        (transfer.task, truth.signal.noise_std_db, truth.grid, PRIOR_SETTINGS, MapLearnerSettings(), transfer.deep, checkpoints)
+    )
+    return digest([truth.signal.mean_db, truth.airspace.reason, prepared.signal.mean_db, np.frombuffer(text.encode(), np.uint8)])
 
 
 def likeness(transfer: Transfer) -> dict[str, float]:
     """How like A is to B in the free cells: correlation of SINR (NaN for a map without pattern), mean of A minus mean of B
     [dB], and shares of cells: both or neither below the threshold, A below it, B below it.
     """
-    free = transfer.truth.free_cells
-    a_db, b_db = (world.sinr_db[free].astype(np.float64) for world in (transfer.prepared, transfer.truth))
+    free = transfer.truth.airspace.free_cells
+    a_db, b_db = (world.signal.mean_db[free].astype(np.float64) for world in (transfer.prepared, transfer.truth))
     low_a, low_b = a_db < transfer.task.threshold_db, b_db < transfer.task.threshold_db
     flat = a_db.std() == 0 or b_db.std() == 0
     return {
@@ -361,6 +363,7 @@ def make_transfer(map_a: "RadioMap", map_b: "RadioMap", task: Task, noise_std_db
     truth = World.from_map(map_b, noise_std_db)
     if truth.grid.n_cells > MAX_CELLS:
         raise InputError(f"the maps have {truth.grid.n_cells:,} cells; adapt can hold {MAX_CELLS:,}: use larger bins or a part")
-    truth = replace(truth, sinr_std_db=np.zeros_like(truth.sinr_std_db))
+    truth = replace(truth, signal=replace(truth.signal, unknown=None))
     prepared_db = without_holes(truth.grid, map_a["sinr_db"].values.ravel().astype(np.float64), task.threshold_db)
-    return Transfer(task, replace(truth, sinr_db=prepared_db.astype(np.float32)), truth, deep or FQIHER())
+    prepared = replace(truth, signal=replace(truth.signal, mean_db=prepared_db.astype(np.float32)))
+    return Transfer(task, prepared, truth, deep or FQIHER())

@@ -1,7 +1,7 @@
-"""The grid: positions, cells and metres, and the moves between cells.
+"""The grid: positions, cells and metres.
 
 A *position* is the triple `(ix, iy, iz)`; a *cell* is the same place as one integer, counted through `(z, y, x)`
-as a dataset is laid out. Nothing outside this file and `World` translates between the two.
+as a dataset is laid out. Nothing outside this file translates between the two.
 """
 
 from dataclasses import dataclass
@@ -11,12 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cellpilot.errors import InputError
-
-ACTIONS = ("north", "south", "east", "west", "up", "down")
-"""Names of the actions in their order; a two-dimensional task uses the first four."""
-
-MOVES = np.array([(0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)])
-"""Step `(dx, dy, dz)` in cells of each action."""
 
 IntArray = NDArray[np.signedinteger]
 Position = tuple[int, int, int]
@@ -49,11 +43,6 @@ class Grid:
     def n_dimensions(self) -> int:
         """2 for one height, 3 for several."""
         return 2 if len(self.z_m) == 1 else 3
-
-    @property
-    def n_actions(self) -> int:
-        """4 moves on one height, 6 on several."""
-        return 2 * self.n_dimensions
 
     def cell(self, position: ArrayLike) -> IntArray:
         """Cell numbers of positions `[..., 3]`."""
@@ -97,20 +86,8 @@ class Grid:
             raise InputError(f"{what} {position} is not on the grid: expected {ranges}")
         return position[0], position[1], position[2]
 
-    def next_cells(self, blocked: NDArray[np.bool_]) -> tuple[IntArray, NDArray[np.bool_]]:
-        """Where each action leads: `next_cell [n_cells, n_actions]` and whether a blocked cell stopped it.
-
-        A move over the border or into a blocked cell leaves the drone where it is.
-        """
-        here = np.arange(self.n_cells, dtype=np.int32)[:, None]
-        target = self.position(here[:, 0])[:, None, :] + MOVES[None, : self.n_actions]
-        inside = ((target >= 0) & (target < np.asarray(self.sides))).all(-1)
-        wanted = np.where(inside, self.cell(np.where(inside[..., None], target, 0)), here)
-        stopped = blocked[wanted] & inside
-        return np.where(stopped, here, wanted).astype(np.int32), stopped
-
     def manhattan(self, cell: ArrayLike, goal: ArrayLike) -> IntArray:
-        """Number of moves between cells where nothing is blocked."""
+        """Sum of the differences of the coordinates of two cells."""
         return np.abs(self.position(cell) - self.position(goal)).sum(-1).astype(np.int32)
 
 

@@ -25,10 +25,9 @@ from cellpilot.envs.goal_env import GoalEnv
 from cellpilot.envs.goal_rules import place_of
 from cellpilot.envs.vector_env import GoalVectorEnv
 from cellpilot.errors import InputError
-from cellpilot.experiment import make_map, make_task
+from cellpilot.experiment import make_map, make_task, make_world
 from cellpilot.maps import RadioMap, load_map
-from cellpilot.scenario import TaskSettings, describe, find_scenario, load_scenario
-from cellpilot.world import World
+from cellpilot.scenario import AirspaceSettings, TaskSettings, describe, find_scenario, load_scenario
 
 SCENARIOS = {
     "cellpilot/Thesis2D-v0": "thesis-2d",
@@ -84,23 +83,28 @@ def _capped(facts: dict[str, Any], max_episode_steps: int | None) -> dict[str, A
 
 
 def _scenario_facts(name: str, settings: dict[str, Any]) -> dict[str, Any]:
-    return _facts(_scenario_map(name), load_scenario(find_scenario(name)).task, settings, name)
+    scenario = load_scenario(find_scenario(name))
+    return _facts(_scenario_map(name), scenario.task, scenario.airspace, settings, name)
 
 
 def _map_facts(map_file: str | Path, settings: dict[str, Any]) -> dict[str, Any]:
     if not map_file:
         raise InputError(f"{RADIO_MAP} needs a map: gymnasium.make('{RADIO_MAP}', map_file='map.nc')")
-    return _facts(load_map(map_file), TaskSettings(), settings, RADIO_MAP)
+    return _facts(load_map(map_file), TaskSettings(), AirspaceSettings(), settings, RADIO_MAP)
 
 
-def _facts(radio_map: RadioMap, task: TaskSettings, settings: dict[str, Any], where: str) -> dict[str, Any]:
+def _facts(
+    radio_map: RadioMap, task: TaskSettings, airspace: AirspaceSettings, settings: dict[str, Any], where: str
+) -> dict[str, Any]:
     """Arguments that both kinds of environment share."""
     settings = settings | {name: place_of(settings[name]) for name in ("start", "goal") if name in settings}
+    of_airspace = {name: settings.pop(name) for name in AirspaceSettings.model_fields if name in settings}
     try:
+        airspace = AirspaceSettings.model_validate(airspace.model_dump() | of_airspace)
         task = TaskSettings.model_validate(task.model_dump() | settings)
     except ValidationError as error:
         raise InputError(describe(error, where)) from error
-    world = World.from_map(radio_map, task.noise_std_db)
+    world = make_world(radio_map, task.noise_std_db, airspace)
     return {"world": world, "task": make_task(task, world.grid), "start": task.start, "goal": task.goal}
 
 

@@ -1,7 +1,7 @@
 """Studies over many trainings or many rewards: the ablation of section 5.4 and the sensitivity of section 4.2.2."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -190,7 +190,8 @@ def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> Learn
         result = train(settings, task, arena, run.seed, checkpoint=checkpoint, fingerprint=mark, progress=share)
         if not result.finished:
             return None
-        save_parameters(result.policy_parameters(run.world.grid.sides, {"task": asdict(task)}), file)
+        parameters = result.policy_parameters(run.world.grid.sides, {"task": task.as_dict()})
+        save_parameters(parameters.trained_in(run.world.airspace), file)
         checkpoint.unlink()
         forget_programs()
     # What one would fly: arg max of near-exact values, but that of the published learner's circles.

@@ -125,14 +125,14 @@ def test_the_truth_is_certain_and_holes_of_a_are_no_holes() -> None:
     b["sinr_std_db"].values[:] = 1.5
     b["blocked"].values[0, 7, 7] = True
     transfer = make_transfer(a, b, TASK, 2.0)
-    assert not transfer.truth.sinr_std_db.any()
-    assert transfer.truth.noise_std_db == transfer.prepared.noise_std_db == 2.0
-    np.testing.assert_array_equal(transfer.truth.sinr_db, b["sinr_db"].values.ravel())
-    np.testing.assert_array_equal(transfer.prepared.blocked, transfer.truth.blocked)
+    assert not transfer.truth.signal.std_db.any()
+    assert transfer.truth.signal.noise_std_db == transfer.prepared.signal.noise_std_db == 2.0
+    np.testing.assert_array_equal(transfer.truth.signal.mean_db, b["sinr_db"].values.ravel())
+    np.testing.assert_array_equal(transfer.prepared.airspace.blocked, transfer.truth.airspace.blocked)
     hole = 2 * 8 + 3
-    assert transfer.prepared.sinr_db[hole] == pytest.approx(np.nanmean(a["sinr_db"].values), abs=1e-4)
+    assert transfer.prepared.signal.mean_db[hole] == pytest.approx(np.nanmean(a["sinr_db"].values), abs=1e-4)
     others = np.arange(64) != hole
-    np.testing.assert_array_equal(transfer.prepared.sinr_db[others], a["sinr_db"].values.ravel()[others])
+    np.testing.assert_array_equal(transfer.prepared.signal.mean_db[others], a["sinr_db"].values.ravel()[others])
 
 
 def test_a_too_large_map_is_refused() -> None:

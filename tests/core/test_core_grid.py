@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cellpilot.airspace import MOVE_SETS, STOPPED, usual_moves
 from cellpilot.errors import InputError
-from cellpilot.grid import ACTIONS, MOVES, Grid
+from cellpilot.grid import Grid
 from cellpilot.world import World
 
 SIDES = st.tuples(st.integers(1, 6), st.integers(1, 6), st.integers(1, 4)).filter(lambda s: s[0] * s[1] * s[2] > 1)
@@ -25,7 +26,8 @@ def test_actions_in_their_order() -> None:
         "up": (0, 0, 1),
         "down": (0, 0, -1),
     }
-    assert dict(zip(ACTIONS, map(tuple, MOVES.tolist()), strict=True)) == expected
+    assert dict(zip(MOVE_SETS[6].names, MOVE_SETS[6].offsets, strict=True)) == expected
+    assert MOVE_SETS[6].names[:4] == MOVE_SETS[4].names == MOVE_SETS[8].names[:4]
 
 
 @given(SIDES)
@@ -90,8 +92,8 @@ def test_corners_of_the_grid_are_on_it() -> None:
 
 
 def test_two_and_three_dimensions() -> None:
-    assert (grid_of((3, 4, 1)).n_dimensions, grid_of((3, 4, 1)).n_actions) == (2, 4)
-    assert (grid_of((3, 4, 2)).n_dimensions, grid_of((3, 4, 2)).n_actions) == (3, 6)
+    assert (grid_of((3, 4, 1)).n_dimensions, len(usual_moves(grid_of((3, 4, 1))))) == (2, 4)
+    assert (grid_of((3, 4, 2)).n_dimensions, len(usual_moves(grid_of((3, 4, 2))))) == (3, 6)
 
 
 def test_a_single_cell_is_no_grid() -> None:
@@ -107,13 +109,13 @@ def test_next_cells_against_a_plain_stepper(
         sides = (2, *sides[1:])
     world = random_world(seed, sides, share)
     reference = plain(world)
-    assert world.grid.n_actions == len(reference.moves)
+    assert world.airspace.n_actions == len(reference.moves)
     cell = {position: i for i, position in enumerate(reference.positions)}
     for position in reference.positions:
-        for action in range(world.grid.n_actions):
+        for action in range(world.airspace.n_actions):
             there, stopped = reference.step(position, action)
-            assert world.next_cell[cell[position], action] == cell[there]
-            assert world.stopped[cell[position], action] == stopped
+            assert world.airspace.next_cell[cell[position], action] == cell[there]
+            assert (world.airspace.event[cell[position], action] == STOPPED) == stopped
 
 
 @given(SIDES)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cellpilot.airspace import MOVED, STOPPED
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
 from cellpilot.task import Task, Transition, default_max_steps
@@ -26,8 +27,9 @@ def test_outcome_by_hand() -> None:
         (5, -math.inf, False, 9, -1.75, False),
     ]
     for next_cell, sinr_db, blocked, goal, reward, terminated in cases:
-        found = ODD.outcome(Transition(4, 0, np.int32(next_cell), np.float32(sinr_db), np.bool_(blocked)), np.int32(goal))
-        assert found == (pytest.approx(reward), terminated)
+        event = STOPPED if blocked else MOVED
+        found = ODD.outcome(Transition(4, 0, np.int32(next_cell), np.float32(sinr_db), np.uint8(event)), np.int32(goal))
+        assert found == (pytest.approx(reward), terminated, terminated)
 
 
 def test_the_rewards_of_the_thesis() -> None:
@@ -54,31 +56,32 @@ def test_expected_outcome_is_the_mean_outcome(
     world = random_world(seed, (4, 3, 1), 0.35, *spreads)
     rng = np.random.default_rng(seed)
     n = 20_000
-    cells = np.flatnonzero(~world.blocked)
+    cells = np.flatnonzero(~world.airspace.blocked)
     goal = int(rng.choice(cells))
     cell, action = (a.ravel() for a in np.meshgrid(cells, np.arange(4), indexing="ij"))
-    next_cell = world.next_cell[cell, action]
+    next_cell = world.airspace.next_cell[cell, action]
     measured = (
-        world.sinr_db[next_cell]
-        + world.sinr_std_db[next_cell] * rng.standard_normal((n, len(cell)))
-        + world.noise_std_db * rng.standard_normal((n, len(cell)))
+        world.signal.mean_db[next_cell]
+        + world.signal.std_db[next_cell] * rng.standard_normal((n, len(cell)))
+        + world.signal.noise_std_db * rng.standard_normal((n, len(cell)))
     )
-    transition = Transition(cell, action, next_cell, measured, world.stopped[cell, action])
-    reward, terminated = task.outcome(transition, goal)
-    expected, entered = task.expected_outcome(world, cell, action, goal)
-    np.testing.assert_array_equal(terminated, entered)
+    transition = Transition(cell, action, next_cell, measured, world.airspace.event[cell, action])
+    reward, reached, terminated = task.outcome(transition, goal)
+    expected, expected_reached, expected_terminated = task.expected_outcome(world, cell, action, goal)
+    np.testing.assert_array_equal(terminated, expected_terminated)
+    np.testing.assert_array_equal(reached, expected_reached)
     np.testing.assert_allclose(reward.mean(0), expected, atol=abs(rho_sinr) * 5 * 0.5 / math.sqrt(n) + 1e-9)
-    given = task.expected_outcome(world, cell, action, goal, world.low_probability(2.5))[0]
+    given = task.expected_outcome(world, cell, action, goal, world.outage_probability(2.5)).reward
     np.testing.assert_array_equal(given, expected)
 
 
 def test_expected_outcome_charges_for_a_blocked_move(make_world: Callable[..., World]) -> None:
     world = make_world((3, 1, 1), [1.0, 9.0, math.nan], blocked=[(2, 0, 0)])
-    reward, _ = ODD.expected_outcome(world, 1, 2, 0)  # east, into the blocked cell
+    reward, *_ = ODD.expected_outcome(world, 1, 2, 0)  # east, into the blocked cell
     assert reward == pytest.approx(-0.25 - 3.0)
-    reward, _ = ODD.expected_outcome(world, 1, 0, 0)  # north, over the border: no charge
+    reward, *_ = ODD.expected_outcome(world, 1, 0, 0)  # north, over the border: no charge
     assert reward == pytest.approx(-0.25)
-    reward, terminated = ODD.expected_outcome(world, 1, 3, 0)
+    reward, _, terminated = ODD.expected_outcome(world, 1, 3, 0)
     assert reward == pytest.approx(-0.25 + 7.0 - 1.5)
     assert terminated
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from cellpilot.airspace import STOPPED
 from cellpilot.envs.arena import draw_start_and_goal, make_arena
 from cellpilot.envs.flight import Flight, flight_return, fly
 from cellpilot.errors import InputError
@@ -39,8 +40,8 @@ def test_random_walks_against_plain_python(
         world = random_world(seed, sides, share)
         reference = plain(world)
         rng = np.random.default_rng(seed)
-        start, goal = rng.choice(world.free_cells, 2, replace=False)
-        actions = rng.integers(0, world.grid.n_actions, task.max_steps)
+        start, goal = rng.choice(world.airspace.free_cells, 2, replace=False)
+        actions = rng.integers(0, world.airspace.n_actions, task.max_steps)
         flight = fly_actions(
             jax.random.key(seed), make_arena(world), task, jnp.int32(start), jnp.int32(goal), jnp.asarray(actions, jnp.int32)
         )
@@ -49,8 +50,10 @@ def test_random_walks_against_plain_python(
             there, stopped = reference.step(here, int(action))
             next_cell = reference.cell(there)
             row = jax.tree.map(lambda field, t=t: field[t].item(), flight.transitions)
-            assert row == (reference.cell(here), action, next_cell, pytest.approx(float(world.sinr_db[next_cell])), stopped)
-            total += -0.25 - 1.5 * (world.sinr_db[next_cell] < 2.0) - 3.0 * stopped + 7.0 * (next_cell == goal)
+            measured_db = pytest.approx(float(world.signal.mean_db[next_cell]))
+            assert row[:4] == (reference.cell(here), action, next_cell, measured_db)
+            assert (row.event == STOPPED) == stopped
+            total += -0.25 - 1.5 * (world.signal.mean_db[next_cell] < 2.0) - 3.0 * stopped + 7.0 * (next_cell == goal)
             here = there
             if next_cell == goal:
                 break
@@ -176,7 +179,7 @@ def test_flights_depend_on_key_and_nothing_else(random_world: MakeWorld, fly_act
     actions = jnp.asarray(np.random.default_rng(0).integers(0, 4, 30), jnp.int32)
     run = lambda seed, world: fly_actions(jax.random.key(seed), make_arena(world), task, jnp.int32(0), jnp.int32(15), actions)
     first, again, other = (np.asarray(run(seed, world).transitions.sinr_db) for seed in (0, 0, 1))
-    quiet = np.asarray(run(0, replace(world, noise_std_db=0.0)).transitions.sinr_db)
+    quiet = np.asarray(run(0, replace(world, signal=replace(world.signal, noise_std_db=0.0))).transitions.sinr_db)
     np.testing.assert_array_equal(first, again)
     assert (first != other).all()
     assert (first != quiet).all()

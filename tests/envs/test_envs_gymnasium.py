@@ -13,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from numpy.testing import assert_array_equal
 
 import cellpilot.gym
+from cellpilot.airspace import STOPPED
 from cellpilot.envs.goal_env import GoalEnv
 from cellpilot.envs.vector_env import GoalVectorEnv
 from cellpilot.errors import InputError
@@ -71,8 +72,10 @@ def test_named_environments_are_the_shipped_scenarios(name: str, scenario: str) 
     world = World.from_map(make_map(settings.map), settings.task.noise_std_db)
     for env in (gymnasium.make(name).unwrapped, gymnasium.make_vec(name, num_envs=3)):
         assert isinstance(env, GoalEnv | GoalVectorEnv)
-        assert_array_equal(env.rules.world.sinr_db, world.sinr_db)
-        assert env.rules.world.noise_std_db == world.noise_std_db == (0.0 if name == "cellpilot/Thesis2D-v0" else 2.0)
+        assert_array_equal(env.rules.world.signal.mean_db, world.signal.mean_db)
+        assert (
+            env.rules.world.signal.noise_std_db == world.signal.noise_std_db == (0.0 if name == "cellpilot/Thesis2D-v0" else 2.0)
+        )
         assert env.rules.world.grid.sides == ((20, 20, 5) if "3D" in name else (20, 20, 1))
         assert env.rules.task == make_task(settings.task, world.grid)
         assert env.rules.task.max_steps == (450 if "3D" in name else 400)
@@ -86,7 +89,7 @@ def test_task_settings_are_arguments(map_file: Path) -> None:
     ):
         assert isinstance(env, GoalEnv | GoalVectorEnv)
         assert env.rules.task == Task(threshold_db=-1.0, max_steps=7, rho_blocked=-2.0)
-        assert env.rules.world.noise_std_db == 0.5
+        assert env.rules.world.signal.noise_std_db == 0.5
         observation, _ = env.reset(seed=0)
         np.testing.assert_allclose(np.atleast_2d(observation["observation"])[0], [1 / 4, 1 / 3])
         np.testing.assert_allclose(np.atleast_2d(observation["desired_goal"])[0], [1.0, 1.0])
@@ -106,15 +109,18 @@ def test_random_walks_against_plain_python(
         assert info == {}
         for n_steps in range(1, TASK.max_steps + 1):
             action = int(rng.integers(env.action_space.n))
+            before = reference.cell(here)
             here, stopped = reference.step(here, action)
             observation, reward, terminated, truncated, info = env.step(np.int64(action))
-            sinr_db = world.sinr_db[reference.cell(here)]
+            sinr_db = world.signal.mean_db[reference.cell(here)]
             assert _position(observation["observation"], sides) == _position(observation["achieved_goal"], sides) == here
             assert _position(observation["desired_goal"], sides) == goal
             assert reward == pytest.approx(-0.25 - 1.5 * (sinr_db < 3.1) - 3.0 * stopped + 7.0 * (here == goal))
             assert terminated is (here == goal)
             assert truncated is (n_steps == TASK.max_steps and here != goal)
-            assert info == {"sinr_db": float(sinr_db), "blocked": stopped, "n_steps": n_steps, "is_success": here == goal}
+            facts = {"sinr_db": float(sinr_db), "n_steps": n_steps, "is_success": here == goal, "action": action}
+            assert info == facts | {"cell": before, "event": info["event"]}
+            assert (info["event"] == STOPPED) == stopped
             if terminated or truncated:
                 ends.add((terminated, truncated))
                 break
@@ -160,8 +166,8 @@ def test_relabelled_rewards_are_the_outcome_of_the_recorded_facts(
     others = np.where(rng.random((len(after), 1)) < 0.5, achieved, rng.permutation(achieved))
     cell, goal = env.rules.cells(achieved), env.rules.cells(others)
     sinr_db = np.array([info["sinr_db"] for info in infos], np.float32)
-    facts = Transition(None, None, cell, sinr_db, np.array([info["blocked"] for info in infos]))
-    reward, reached = TASK.outcome(facts, goal)
+    facts = Transition(None, None, cell, sinr_db, np.array([info["event"] for info in infos]))
+    reward, reached, _ = TASK.outcome(facts, goal)
     assert 0 < reached.sum() < len(reached)
     assert_array_equal(env.compute_reward(achieved, others, np.array(infos, object)), reward)
     assert_array_equal(env.compute_terminated(achieved, others, infos), reached)
@@ -208,20 +214,20 @@ def test_hindsight_buffer_of_sb3_relabels_with_what_was_measured(random_world: M
         for i in np.flatnonzero(over):
             for key, rows in following.items():
                 rows[i] = infos[i]["terminal_observation"][key]
-        measured.append([(info["sinr_db"], info["blocked"]) for info in infos])
+        measured.append([(info["sinr_db"], info["event"]) for info in infos])
         buffer.add(observation, following, actions, rewards, over, infos)
         observation = after
     step, flight = np.nonzero(buffer.ep_length)
     sample = buffer._get_virtual_samples(step, flight)
     rules = flights.envs[0].rules
     cell, goal = (rules.cells(sample.next_observations[key].numpy()) for key in ("achieved_goal", "desired_goal"))
-    sinr_db, blocked = np.array(measured)[step, flight].T
-    facts = Transition(None, None, cell, sinr_db.astype(np.float32), blocked.astype(bool))
-    reward, reached = TASK.outcome(facts, goal)
+    sinr_db, event = np.array(measured)[step, flight].T
+    facts = Transition(None, None, cell, sinr_db.astype(np.float32), event)
+    reward, reached, _ = TASK.outcome(facts, goal)
     assert 50 < reached.sum() < len(goal)
-    assert blocked.any()
+    assert (event == STOPPED).any()
     np.testing.assert_allclose(sample.rewards.numpy()[:, 0], reward, rtol=1e-6)
-    looked_up = TASK.outcome(facts._replace(sinr_db=world.sinr_db[cell]), goal)[0]
+    looked_up = TASK.outcome(facts._replace(sinr_db=world.signal.mean_db[cell]), goal)[0]
     assert (abs(looked_up - reward) > 1).mean() > 0.1
 
 
@@ -315,9 +321,9 @@ def test_many_flights_follow_the_rules_of_one(
             assert reward[i] == pytest.approx(-0.25 - 1.5 * low - 3.0 * stopped + 7.0 * (there == goal))
             assert terminated[i] == info["is_success"][i] == (there == goal)
             assert truncated[i] == (begun[i] == TASK.max_steps and there != goal)
-            assert (info["n_steps"][i], info["blocked"][i], info["_sinr_db"][i]) == (begun[i], stopped, True)
+            assert (info["n_steps"][i], info["event"][i] == STOPPED, info["_sinr_db"][i]) == (begun[i], stopped, True)
             if not noise and not uncertainty:
-                assert info["sinr_db"][i] == world.sinr_db[reference.cell(there)]
+                assert info["sinr_db"][i] == world.signal.mean_db[reference.cell(there)]
             last = {key: rows[i] for key, rows in after.items()}
             if mode == "SameStep" and (terminated[i] or truncated[i]):
                 last = info["final_obs"][i]
@@ -486,7 +492,7 @@ def test_no_info_is_as_an_empty_one() -> None:
     for info in (None, [None, None], np.array([None, None]), np.array([{}, {}])):
         np.testing.assert_array_equal(env.compute_reward(rows, there, info), expected)
     noisy = gymnasium.make("cellpilot/Thesis2DNoise-v0").unwrapped
-    with pytest.raises(InputError, match="info holds no sinr_db"):
+    with pytest.raises(InputError, match="info holds no cell, action, sinr_db and event"):
         noisy.compute_reward(here, here, None)
 
 

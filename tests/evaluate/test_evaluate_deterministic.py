@@ -32,7 +32,7 @@ class TablePolicy:
         self.world, self.table = world, actions
 
     def action_probabilities(self, goals: np.ndarray) -> np.ndarray:
-        return one_hot(self.table[:, goals].astype(np.int8), self.world.grid.n_actions)
+        return one_hot(self.table[:, goals].astype(np.int8), self.world.airspace.n_actions)
 
 
 def erring_policy(world: World, seed: int, error_share: float) -> TablePolicy:
@@ -40,7 +40,7 @@ def erring_policy(world: World, seed: int, error_share: float) -> TablePolicy:
     n, rng = world.grid.n_cells, np.random.default_rng(seed)
     shortest = GreedyPolicy(world).action_probabilities(np.arange(n, dtype=np.int32)).argmax(-1)
     wrong = rng.random((n, n)) < error_share
-    return TablePolicy(world, np.where(wrong, rng.integers(0, world.grid.n_actions, (n, n)), shortest))
+    return TablePolicy(world, np.where(wrong, rng.integers(0, world.airspace.n_actions, (n, n)), shortest))
 
 
 @settings(max_examples=30)
@@ -71,7 +71,7 @@ def test_they_equal_the_exhaustive_summary(
 def test_every_pair_equals_its_own_flight(random_world: MakeWorld, seed: int, errors: float, cap: int) -> None:
     world = random_world(seed, (5, 4, 2), 0.2, 1.0)
     task, policy = replace(TASK, max_steps=cap), erring_policy(world, seed, errors)
-    goals = world.free_cells[::-1]
+    goals = world.airspace.free_cells[::-1]
     pairs = deterministic_figures(world, task, policy, goals, per_pair=True).pairs
     assert pairs is not None
     np.testing.assert_array_equal(pairs.goals, goals)
@@ -123,6 +123,8 @@ def test_goals_in_several_blocks_add_up(random_world: MakeWorld) -> None:
     world = random_world(5, (9, 9, 1), 0.1, 1.0)
     policy = erring_policy(world, 5, 0.1)
     whole = deterministic_figures(world, TASK, policy)
-    parts: list[DeterministicFigures] = [deterministic_figures(world, TASK, policy, goal[None]) for goal in world.free_cells]
+    parts: list[DeterministicFigures] = [
+        deterministic_figures(world, TASK, policy, goal[None]) for goal in world.airspace.free_cells
+    ]
     assert whole.n_pairs == sum(part.n_pairs for part in parts)
     assert whole.return_mean * whole.n_pairs == pytest.approx(sum(part.return_mean * part.n_pairs for part in parts))

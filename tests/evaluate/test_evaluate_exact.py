@@ -33,7 +33,7 @@ class TablePolicy:
 
 def random_policy(world: World, seed: int, deterministic: bool) -> TablePolicy:
     """Shortest paths with random errors: some flights arrive, some loop, some hit the cap."""
-    n, actions = world.grid.n_cells, world.grid.n_actions
+    n, actions = world.grid.n_cells, world.airspace.n_actions
     rng = np.random.default_rng(seed)
     shortest = GreedyPolicy(world).action_probabilities(np.arange(n, dtype=np.int32))
     if deterministic:
@@ -56,7 +56,7 @@ def test_exact_figures_of_a_deterministic_policy_against_plain_loops(
     world = random_world(seed, sides, share, noise, 1.0 if noise else 0.0)
     policy = random_policy(world, seed, deterministic=True)
     reference = plain(world)
-    chance = world.low_probability(TASK.threshold_db)
+    chance = world.signal.outage_probability(TASK.threshold_db)
     best = policy.probabilities.argmax(-1)
     flights, steps, low, total, reached = 0, 0, 0.0, 0.0, 0
     ratios, heights = [], np.zeros(sides[2])
@@ -106,7 +106,7 @@ def test_the_recursion_of_a_stochastic_policy_against_many_flights(
     world = random_world(11, sides, share, 1.5, 1.0)
     policy = random_policy(world, 1, deterministic=False)
     exact = exhaustive_summary(np.random.default_rng(0), world, TASK, policy)
-    starts, goals = all_pairs(world, world.free_cells)
+    starts, goals = all_pairs(world, world.airspace.free_cells)
     repeats = 60_000 // len(starts)
     instances = replace(
         sample_pairs(np.random.default_rng(0), world, 1), start=np.tile(starts, repeats), goal=np.tile(goals, repeats)
@@ -198,7 +198,7 @@ def test_pairs_cut_apart_are_counted(make_world: MakeWorld) -> None:
     assert all(row["reached_share"] == 1.0 for row in result.policies.values())
     instances = sample_pairs(np.random.default_rng(0), world, 500)
     assert instances.unreachable_pairs == 16
-    assert (world.part[instances.start] == world.part[instances.goal]).all()
+    assert (world.airspace.part[instances.start] == world.airspace.part[instances.goal]).all()
     assert (instances.start != instances.goal).all()
 
 
@@ -215,7 +215,7 @@ def test_every_policy_flies_the_same_instances(random_world: MakeWorld) -> None:
     assert result.sampled["again"] == result.sampled["greedy"]
     np.testing.assert_array_equal(result.flights["greedy"].n_steps, shortest)
     instances = sample_pairs(np.random.default_rng([5, 0]), world, 300)
-    np.testing.assert_array_equal(world.shortest_steps(instances.goal)[instances.start, np.arange(300)], shortest)
+    np.testing.assert_array_equal(world.airspace.shortest_steps(instances.goal)[instances.start, np.arange(300)], shortest)
 
     again, other = (evaluate(world, task, policies[:1], seed=seed, n_sampled=300) for seed in (5, 6))
     assert again.sampled["greedy"]["return_mean"] == result.sampled["greedy"]["return_mean"]
@@ -302,7 +302,7 @@ def test_an_uncertain_map_is_drawn_once_per_flight(make_world: MakeWorld) -> Non
     np.testing.assert_array_equal(records.longest_outage_steps, records.low_steps)
     np.testing.assert_allclose(records.expected_low_steps, 2.5)
 
-    noisy = replace(world, sinr_std_db=np.zeros(2, np.float32), noise_std_db=2.0)
+    noisy = replace(world, signal=replace(world.signal, unknown=None, noise_std_db=2.0))
     records, _ = sampled_flights(np.random.default_rng(1), noisy, task, stay, instances)
     assert set(records.low_steps.tolist()) == {0, 1, 2, 3, 4, 5}
     assert (records.longest_outage_steps <= records.low_steps).all()

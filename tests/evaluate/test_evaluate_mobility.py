@@ -5,11 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from cellpilot.airspace import Airspace
 from cellpilot.evaluate.metrics import METRICS
 from cellpilot.evaluate.mobility import HandoverRule, Mobility, Ride
 from cellpilot.evaluate.summary import Summary
 from cellpilot.grid import Grid
-from cellpilot.world import SectorLevels, World
+from cellpilot.signal import SectorLevels, Signal
+from cellpilot.world import World
 
 RULE = HandoverRule(speed_mps=10.0, hysteresis_db=3.0, time_to_trigger_s=0.256, ping_pong_s=1.0)
 
@@ -20,7 +22,7 @@ def corridor(rsrp_dbm: np.ndarray, spacing_m: float = 20.0) -> World:
     grid = Grid(tuple(spacing_m * i for i in range(n_cells)), (0.0,), (30.0,))
     zeros = np.zeros(n_cells, np.float32)
     levels = SectorLevels(rsrp_dbm.astype(np.float32), rsrp_dbm.astype(np.float32) + np.float32(100))
-    return World(grid, zeros, zeros, 0.0, np.zeros(n_cells, bool), levels=levels)
+    return World(Airspace.of_blocked(grid, np.zeros(n_cells, bool)), Signal(zeros, levels=levels))
 
 
 def ride_along(world: World, rule: HandoverRule, path: list[int], low: set[int] = frozenset()) -> Mobility:
@@ -33,8 +35,8 @@ def ride_along(world: World, rule: HandoverRule, path: list[int], low: set[int] 
 
 def plain_clock(world: World, rule: HandoverRule, path: list[int], tick_s: float = 1e-3) -> list[tuple[float, int]]:
     """(time, new sector) of every handover, with a timer for each neighbour, one tick after the other."""
-    assert world.levels is not None
-    rsrp, x_m = world.levels.rsrp_dbm.astype(float), np.array(world.grid.x_m)
+    assert world.signal.levels is not None
+    rsrp, x_m = world.signal.levels.rsrp_dbm.astype(float), np.array(world.grid.x_m)
     ends = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x_m[path])) / rule.speed_mps)])
     serving, since = int(rsrp[:, path[0]].argmax()), [None] * len(rsrp)
     handovers = []
@@ -95,17 +97,17 @@ def test_as_a_clock_that_ticks_every_millisecond(seed: int) -> None:
 
 def _left(world: World, path: list[int], handovers: list[tuple[float, int]]) -> list[int]:
     """The sector left at each handover."""
-    assert world.levels is not None
-    return [int(world.levels.rsrp_dbm[:, path[0]].argmax()), *(sector for _, sector in handovers)][:-1]
+    assert world.signal.levels is not None
+    return [int(world.signal.levels.rsrp_dbm[:, path[0]].argmax()), *(sector for _, sector in handovers)][:-1]
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_without_hysteresis_and_delay_the_strongest_serves(seed: int) -> None:
     world = corridor(np.random.default_rng(seed).normal(-85.0, 6.0, (5, 12)))
     found = ride_along(world, HandoverRule(hysteresis_db=0.0, time_to_trigger_s=0.0), [*range(12)])
-    assert world.levels is not None
+    assert world.signal.levels is not None
     along = np.linspace(0.0, 11.0, 110_001)
-    strongest = np.stack([np.interp(along, np.arange(12), sector) for sector in world.levels.rsrp_dbm]).argmax(axis=0)
+    strongest = np.stack([np.interp(along, np.arange(12), sector) for sector in world.signal.levels.rsrp_dbm]).argmax(axis=0)
     assert found.handovers == (np.diff(strongest) != 0).sum() > 0
     assert found.lost_db == 0.0
 
@@ -146,7 +148,7 @@ def test_metrics_of_mobility() -> None:
 def test_a_step_that_stays_takes_as_long_as_one_to_the_nearest_cell() -> None:
     grid = Grid((0.0, 50.0, 100.0), (0.0, 40.0), (30.0, 60.0, 200.0))
     n = grid.n_cells
-    world = World(grid, np.zeros(n, np.float32), np.zeros(n, np.float32), 0.0, np.zeros(n, bool))
+    world = World(Airspace.of_blocked(grid, np.zeros(n, bool)), Signal(np.zeros(n, np.float32)))
     for cell, next_cell, length_m in ((0, 0, 30.0), (0, 1, 50.0), (0, 3, 40.0), (0, 6, 30.0), (6, 12, 140.0), (12, 12, 30.0)):
         ride = Ride(world, HandoverRule(speed_mps=10.0), np.array([cell]))
         ride.step(np.array([0]), np.array([cell]), np.array([next_cell]), np.array([True]))

@@ -1,6 +1,6 @@
 """FQI-HER: its parts against plain arithmetic, and small tasks with known values."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from cellpilot.airspace import Airspace
 from cellpilot.envs.arena import make_arena
 from cellpilot.errors import InputError
 from cellpilot.evaluate import evaluate
@@ -20,8 +21,9 @@ from cellpilot.learn.penalty import measure, no_measurements, penalty_model, rep
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, load_parameters
 from cellpilot.policies.learned import save_parameters
-from cellpilot.policies.optimal import optimal_values
 from cellpilot.policies.pair_value import distance, n_rows, pair_rows, upper_bound
+from cellpilot.signal import Signal, Unknown
+from cellpilot.solve import optimal_values
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -37,13 +39,13 @@ def make_world(seed: int = 0, sides: tuple[int, int, int] = (5, 5, 1), noise_std
     sinr_db = np.where(rng.random(grid.n_cells) < 0.4, -2.0, 8.0) + rng.uniform(-0.5, 0.5, grid.n_cells)
     stones = np.zeros(grid.n_cells, bool)
     stones[rng.choice(grid.n_cells, blocked, replace=False)] = True
-    return World(grid, sinr_db.astype(np.float32), np.zeros(grid.n_cells, np.float32), noise_std_db, stones)
+    return World(Airspace.of_blocked(grid, stones), Signal(sinr_db.astype(np.float32), noise_std_db))
 
 
 def learn(world: World, task: Task, settings: FQIHER, seed: int = 0) -> LearnedPolicy:
     """Train and take the policy out."""
     result = train(settings, task, make_arena(world), seed)
-    return LearnedPolicy(result.policy_parameters(world.grid.sides, {"task": asdict(task)}), world.grid)
+    return LearnedPolicy(result.policy_parameters(world.grid.sides, {"task": task.as_dict()}), world.grid)
 
 
 @pytest.mark.parametrize(("sides", "expected"), [((20, 20, 1), 3921), ((20, 20, 5), 19714)])
@@ -60,12 +62,12 @@ def test_every_pair_has_its_rows_inside_the_table(sides: tuple[int, int, int], e
 @pytest.mark.parametrize("blocked", [0, 5])
 def test_the_bound_is_never_below_the_optimum(blocked: int) -> None:
     world, task = make_world(3, (6, 4, 2), 2.0, blocked), Task(max_steps=80)
-    goals = world.free_cells
-    low = np.nan_to_num(world.low_probability(task.threshold_db))
+    goals = world.airspace.free_cells
+    low = np.nan_to_num(world.signal.outage_probability(task.threshold_db))
     values = optimal_values(world, task, goals).max(-1)
     cell = np.arange(world.grid.n_cells)[:, None]
     bound = upper_bound(task, distance(world.grid.sides, cell, goals[None]), low[goals][None])
-    inside = (cell != goals[None]) & ~world.blocked[:, None]
+    inside = (cell != goals[None]) & ~world.airspace.blocked[:, None]
     assert (bound >= values - 1e-9)[inside].all()
     assert np.isclose(bound, values)[inside].any()  # and it is reached by a good flight, so it is not idle
 
@@ -110,8 +112,8 @@ def test_the_policy_flies_on_numpy_as_it_was_trained(model: bool, tmp_path) -> N
     settings = replace(SMALL, rounds=5, penalty_model=model, networks=2, look_ahead=1)
     arena = make_arena(world)
     result = train(settings, task, arena, 0)
-    save_parameters(result.policy_parameters(world.grid.sides, {"task": asdict(task)}), tmp_path / "p.safetensors")
-    goals = world.free_cells
+    save_parameters(result.policy_parameters(world.grid.sides, {"task": task.as_dict()}), tmp_path / "p.safetensors")
+    goals = world.airspace.free_cells
     found = load_parameters(tmp_path / "p.safetensors").values(world.grid, goals)
     penalty = penalty_model(result.state.memory, task.threshold_db) if model else None
     for column, goal in enumerate(goals):
@@ -188,20 +190,26 @@ def test_what_was_never_measured_changes_nothing() -> None:
     first = train(settings, task, make_arena(world), 0)
     never = np.flatnonzero(np.asarray(first.state.memory.count) == 0)
     assert 0 < never.size < 64
-    changed = replace(world, sinr_db=np.where(np.isin(np.arange(64), never), np.float32(-20), world.sinr_db))
+    other_db = np.where(np.isin(np.arange(64), never), np.float32(-20), world.signal.mean_db)
+    changed = replace(world, signal=replace(world.signal, mean_db=other_db))
     second = train(settings, task, make_arena(changed), 0)
     for a, b in zip(jax.tree.leaves(first.state), jax.tree.leaves(second.state), strict=True):
         assert np.array_equal(np.asarray(a), np.asarray(b))
 
 
 def test_an_uncertain_map_is_one_map_during_a_flight() -> None:
-    world = replace(make_world(0), sinr_std_db=np.full(25, 3.0, np.float32))
-    arena = make_arena(world)
-    draw = lambda number, cell: float(fqi_her._unknown_db(arena, jnp.array([number], jnp.uint32), jnp.array([cell]))[0])
-    assert draw(1, 4) == draw(1, 4)
-    assert len({draw(n, c) for n in (1, 2) for c in (4, 5)}) == 4
-    many = fqi_her._unknown_db(arena, jnp.arange(2000, dtype=jnp.uint32), jnp.zeros(2000, jnp.int32))
-    assert float(jnp.std(many)) == pytest.approx(3.0, rel=0.1)
+    world = make_world(0)
+    unknown = Unknown.of(world.grid, np.full(25, 3.0, np.float32), 30.0)
+    arena = make_arena(replace(world, signal=replace(world.signal, unknown=unknown)))
+    settings = replace(SMALL, flights=200, steps_per_round=5)
+    state = fqi_her.initial_state(settings, arena, 0)
+    assert float(jnp.std(state.flights.error_db)) == pytest.approx(3.0, rel=0.1)
+    flights, memory, _ = fqi_her.collect(jax.random.key(0), settings, arena, Task(max_steps=50), state, jnp.zeros(25))
+    same = (np.asarray(flights.error_db) == np.asarray(state.flights.error_db)).all(1)
+    assert 0 < same.sum() < 200  # a flight that ended was replaced by one on another map
+    measured_db = np.asarray(memory.sum_db / jnp.maximum(memory.count, 1) + memory.first_db)
+    assert np.abs(measured_db - world.signal.mean_db)[np.asarray(memory.count) > 0].max() < 3.0
+    assert np.asarray(memory.sum_squared_db).sum() / np.asarray(memory.count).sum() > 4.0
 
 
 def test_rewards_that_distance_does_not_bound_are_refused() -> None:

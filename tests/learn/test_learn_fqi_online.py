@@ -71,9 +71,12 @@ def test_unvisited_cells_of_the_truth_change_nothing_and_seeds_differ(trained: T
     assert actions(trained, world, seed=1)[1] != after
     changes = []
     for cell in range(36):
-        other_db = world.sinr_db.copy()
+        other_db = world.signal.mean_db.copy()
         other_db[cell] = -20.0
-        changes.append(actions(trained, replace(world, sinr_db=other_db), flights=1) != actions(trained, world, flights=1))
+        changes.append(
+            actions(trained, replace(world, signal=replace(world.signal, mean_db=other_db)), flights=1)
+            != actions(trained, world, flights=1)
+        )
     start, goal = start_and_goal(world, 0, 0)
     steps = int(world.grid.manhattan(start, goal))
     assert steps <= sum(changes) < 36  # no more cells than one flight visits, among them the goal

@@ -19,8 +19,10 @@ def flight_of(terminated: bool = True) -> Flight:
     """Six real steps out of nine rows; the padding holds cells that must never be stored."""
     entered = jnp.asarray([*ENTERED, 99, 98, 97])
     cell = jnp.concatenate([jnp.asarray([10]), entered[:-1]])
-    transitions = Transition(cell, jnp.arange(PADDED) % 4, entered, jnp.arange(PADDED) - 1.5, jnp.zeros(PADDED, bool))
-    return Flight(transitions, jnp.int32(14 if terminated else 30), jnp.int32(T), jnp.asarray(terminated))
+    transitions = Transition(cell, jnp.arange(PADDED) % 4, entered, jnp.arange(PADDED) - 1.5, jnp.zeros(PADDED, jnp.uint8))
+    return Flight(
+        transitions, jnp.int32(14 if terminated else 30), jnp.int32(T), jnp.asarray(terminated), jnp.asarray(terminated)
+    )
 
 
 @pytest.mark.parametrize("strategy", ["future", "final", "episode"])
@@ -67,7 +69,7 @@ def test_reward_and_termination_follow_the_goal_that_was_written() -> None:
     replay = populate_memory(jax.random.key(4), replace(DDQNHER(), hindsight_ratio=8), init_replay(1000), flight_of(False))
     stored: Experience = jax.tree.map(lambda ring: np.asarray(ring[: int(replay.size)]), replay.experiences)
     task = Task(threshold_db=0.0)
-    reward, terminated = task.outcome(stored.transition, stored.goal)
+    reward, _, terminated = task.outcome(stored.transition, stored.goal)
     at_goal = np.array([n == g for n, g in zip(stored.transition.next_cell.tolist(), stored.goal.tolist(), strict=True)])
     np.testing.assert_array_equal(terminated, at_goal)
     low = stored.transition.sinr_db < 0

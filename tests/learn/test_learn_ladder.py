@@ -11,13 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from cellpilot.airspace import Airspace
 from cellpilot.envs.arena import make_arena
 from cellpilot.evaluate import evaluate
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.ddqn_her import DDQNHER
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters
-from cellpilot.policies.optimal import optimal_values
+from cellpilot.signal import Signal
+from cellpilot.solve import optimal_values
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -44,7 +46,7 @@ def rung(nx: int, ny: int, bad: Iterable[tuple[int, int]] = ()) -> World:
     blocked[:ny, :nx] = False
     for x, y in bad:
         sinr_db[y, x] = -5.0
-    return World(grid, sinr_db.ravel(), np.zeros(SIDE * SIDE, np.float32), 0.0, blocked.ravel())
+    return World(Airspace.of_blocked(grid, blocked.ravel()), Signal(sinr_db.ravel()))
 
 
 RUNGS: dict[str, tuple[World, int, float]] = {  # world, episodes, and how far values may be from the exact ones
@@ -72,9 +74,9 @@ def learned(name: str) -> PolicyParameters:
 @pytest.mark.parametrize("name", list(RUNGS)[:-1])
 def test_learned_values_are_the_exact_ones(name: str) -> None:
     world, _, tolerance = RUNGS[name]
-    goals = world.free_cells
+    goals = world.airspace.free_cells
     found, exact = learned(name).values(world.grid, goals), optimal_values(world, TASK, goals)
-    flown = ~world.blocked[:, None] & (np.arange(world.grid.n_cells)[:, None] != goals)
+    flown = ~world.airspace.blocked[:, None] & (np.arange(world.grid.n_cells)[:, None] != goals)
     assert np.abs(found - exact)[flown].max() < tolerance
     taken = np.take_along_axis(exact, found.argmax(-1)[..., None], -1)[..., 0]
     np.testing.assert_allclose(taken[flown], exact.max(-1)[flown], atol=1e-6)  # arg max is one of the best actions

@@ -52,15 +52,18 @@ def test_the_truth_of_unvisited_cells_changes_nothing(make_world: MakeWorld, exp
     world = smooth_world(make_world, noise_std_db=noise_db)
     settings = replace(FAST, exploration=exploration)
     found = last(world, 5, 0, settings)
-    unvisited = np.setdiff1d(world.free_cells, found.measured_cells)
+    unvisited = np.setdiff1d(world.airspace.free_cells, found.measured_cells)
     assert unvisited.size
-    other_db = world.sinr_db.copy()
+    other_db = world.signal.mean_db.copy()
     other_db[unvisited] += np.where(np.arange(unvisited.size) % 2, 40, -40).astype(np.float32)
-    assert_identical(last(replace(world, sinr_db=other_db), 5, 0, settings), found)
+    assert_identical(last(replace(world, signal=replace(world.signal, mean_db=other_db)), 5, 0, settings), found)
     # What was visited does count.
-    other_db = world.sinr_db.copy()
+    other_db = world.signal.mean_db.copy()
     other_db[found.measured_cells[0]] += np.float32(1.0)
-    assert (last(replace(world, sinr_db=other_db), 5, 0, settings).posterior.mean_db != found.posterior.mean_db).any()
+    assert (
+        last(replace(world, signal=replace(world.signal, mean_db=other_db)), 5, 0, settings).posterior.mean_db
+        != found.posterior.mean_db
+    ).any()
 
 
 @pytest.mark.parametrize("exploration", ["optimism", "thompson"])
@@ -107,7 +110,7 @@ def test_noise_is_estimated(make_world: MakeWorld) -> None:
         world = smooth_world(make_world, (10, 10, 1), noise_db)
         learner = last(world, 20, 0, replace(FAST, estimate_after_flights=(20,)))
         assert learner.posterior.kernel.noise_std_db == pytest.approx(max(noise_db, 0.1), rel=0.25, abs=0.2)
-        error_db = learner.believed_world().sinr_db - world.sinr_db
+        error_db = learner.believed_world().signal.mean_db - world.signal.mean_db
         assert np.abs(error_db[learner.measured_cells]).mean() < (0.1 if noise_db == 0 else 2.0)
 
 
@@ -116,13 +119,13 @@ def test_a_plan_for_one_goal_is_exact_on_the_optimistic_map(make_world: MakeWorl
     settings = replace(FAST, optimism=1.5)
     learner = last(world, 2, 0, settings)
     believed = learner.believed_world()
-    hopeful_db = believed.sinr_db + np.float32(1.5) * believed.sinr_std_db
-    hopeful = replace(believed, sinr_db=hopeful_db, sinr_std_db=np.zeros_like(hopeful_db))
+    hopeful_db = believed.signal.mean_db + np.float32(1.5) * believed.signal.std_db
+    hopeful = replace(believed, signal=replace(believed.signal, mean_db=hopeful_db, unknown=None))
     for goal in (0, 37):
         expected = OptimalPolicy.undiscounted(hopeful, TASK)
         tables = [
             deterministic_figures(hopeful, TASK, policy, np.array([goal]))
-            for policy in (expected, _Table(learner.plan(goal, np.random.default_rng(0)), world.grid.n_actions))
+            for policy in (expected, _Table(learner.plan(goal, np.random.default_rng(0)), world.airspace.n_actions))
         ]
         assert tables[1].return_mean == pytest.approx(tables[0].return_mean, abs=1e-4)
 
@@ -143,14 +146,14 @@ def test_blocked_cells_are_flown_around(make_world: MakeWorld) -> None:
     wall = [(3, y, 0) for y in range(6)]
     world = make_world((7, 7, 1), 10.0, blocked=wall)
     learner = last(world, 6, 0)
-    assert not world.blocked[learner.measured_cells].any()
+    assert not world.airspace.blocked[learner.measured_cells].any()
     assert deterministic_figures(world, TASK, learner.policy()).reached_share == 1.0
 
 
 def test_a_prior_map_helps_from_the_first_flight_on_and_may_have_holes(make_world: MakeWorld) -> None:
     world = smooth_world(make_world, (10, 10, 1))
     greedy, optimal = (deterministic_figures(world, TASK, p) for p in (GreedyPolicy(world), OptimalPolicy(world, TASK)))
-    prior = world.sinr_db.astype(np.float64) - 15.0
+    prior = world.signal.mean_db.astype(np.float64) - 15.0
     prior[:5] = np.nan
     scores = []
     for known in (prior, None):

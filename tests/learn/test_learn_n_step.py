@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from cellpilot.airspace import STOPPED
 from cellpilot.envs.flight import Flight
 from cellpilot.learn.algorithms.ddqn_her import DDQNHER, populate_memory
 from cellpilot.learn.n_step import outcome_of_steps
@@ -33,9 +34,10 @@ def flight_of(cells: list[int], goal: int) -> Flight:
     n = len(cells) - 1
     pad = lambda values, filler: jnp.asarray([*values, *[filler] * (PADDED - n)])
     sinr_db = pad([(-1.0) ** cell * t for t, cell in enumerate(cells[1:])], -99.0)
-    blocked = pad([a == b for a, b in pairwise(cells)], True)
-    transitions = Transition(pad(cells[:-1], goal), jnp.arange(PADDED) % 4, pad(cells[1:], goal), sinr_db, blocked)
-    return Flight(transitions, jnp.int32(goal), jnp.int32(n), jnp.asarray(cells[-1] == goal))
+    event = pad([STOPPED * (a == b) for a, b in pairwise(cells)], STOPPED).astype(jnp.uint8)
+    transitions = Transition(pad(cells[:-1], goal), jnp.arange(PADDED) % 4, pad(cells[1:], goal), sinr_db, event)
+    reached = jnp.asarray(cells[-1] == goal)
+    return Flight(transitions, jnp.int32(goal), jnp.int32(n), reached, reached)
 
 
 def stored(n_steps: int, strategy: str, capacity: int) -> tuple[Replay, list[tuple[int, int]]]:
@@ -57,8 +59,8 @@ def plain_outcome(flight: Flight, step: int, goal: int, n_steps: int) -> tuple[f
     total, factor, used = 0.0, 1.0, 0
     facts = [np.asarray(field).tolist() for field in flight.transitions]
     while used < n_steps and step + used < int(flight.n_steps):
-        _, _, next_cell, sinr_db, blocked = (field[step + used] for field in facts)
-        reward = -0.1 + (10.0 if next_cell == goal else 0.0) - (1.0 if sinr_db < 0 else 0.0) - (0.5 if blocked else 0.0)
+        _, _, next_cell, sinr_db, event = (field[step + used] for field in facts)
+        reward = -0.1 + (10.0 if next_cell == goal else 0.0) - (1.0 if sinr_db < 0 else 0.0) - (0.5 if event == STOPPED else 0.0)
         total, factor, used = total + factor * reward, factor * 0.9, used + 1
         if next_cell == goal:
             return total, True, next_cell, factor, used

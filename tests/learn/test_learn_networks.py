@@ -94,7 +94,7 @@ def test_dueling_network_by_hand(hidden: tuple[int, ...]) -> None:
 
 
 def trained_on(world: World, architecture: str, seed: int = 0) -> tuple[eqx.Module, PolicyParameters]:
-    dimensions, actions = world.grid.n_dimensions, world.grid.n_actions
+    dimensions, actions = world.grid.n_dimensions, world.airspace.n_actions
     network = ARCHITECTURES[architecture](dimensions, actions, (16, 12), jax.random.key(seed))
     return network, policy_parameters(network, architecture, world.grid.sides, {"seed": seed, "scenario": "test"})
 

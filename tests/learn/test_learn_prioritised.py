@@ -74,7 +74,9 @@ def test_priorities_are_renewed_by_the_errors() -> None:
 
 def add_rows(replay: Replay, n: int) -> Replay:
     i = jnp.arange(5)
-    return add_compiled(replay, Experience(Transition(i, i, i, i.astype(jnp.float32), i > 0), i), jnp.int32(n))
+    return add_compiled(
+        replay, Experience(Transition(i, i, i, i.astype(jnp.float32), (i > 0).astype(jnp.uint8)), i), jnp.int32(n)
+    )
 
 
 def test_new_experiences_get_the_greatest_priority_and_overwritten_ones_lose_theirs() -> None:

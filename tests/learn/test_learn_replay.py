@@ -19,7 +19,7 @@ add_compiled = jax.jit(add)
 def block_of(first: int, rows: int = ROWS) -> Experience:
     """Rows that carry their own number in every field."""
     i = jnp.arange(first, first + rows)
-    return Experience(Transition(i, i % 4, i + 1, i.astype(jnp.float32) / 2, i % 3 == 0), i + 7)
+    return Experience(Transition(i, i % 4, i + 1, i.astype(jnp.float32) / 2, (i % 3).astype(jnp.uint8)), i + 7)
 
 
 def numbers(experiences: Experience) -> np.ndarray:
@@ -29,7 +29,7 @@ def numbers(experiences: Experience) -> np.ndarray:
     np.testing.assert_array_equal(transition.action, i % 4)
     np.testing.assert_array_equal(transition.next_cell, i + 1)
     np.testing.assert_array_equal(transition.sinr_db, i / 2)
-    np.testing.assert_array_equal(transition.blocked, i % 3 == 0)
+    np.testing.assert_array_equal(transition.event, i % 3)
     np.testing.assert_array_equal(goal, i + 7)
     return i
 

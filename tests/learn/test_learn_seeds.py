@@ -94,6 +94,8 @@ def test_a_checkpoint_of_another_seed_is_refused(tmp_path: Path, arena: Arena) -
 
 TWO_DEVICES = """
 import jax, numpy as np
+from cellpilot.airspace import Airspace
+from cellpilot.signal import Signal
 from test_learn_seeds import SEEDS, SMALL, TASK, assert_close
 from cellpilot.envs.arena import make_arena
 from cellpilot.grid import Grid
@@ -103,7 +105,7 @@ from cellpilot.world import World
 assert jax.local_device_count() == 2
 grid = Grid((0.0, 20.0, 40.0), (0.0, 20.0, 40.0), (30.0,))
 rng = np.random.default_rng(0)
-world = World(grid, rng.normal(3, 6, 9).astype(np.float32), np.zeros(9, np.float32), 2.0, np.arange(9) == 4)
+world = World(Airspace.of_blocked(grid, np.arange(9) == 4), Signal(rng.normal(3, 6, 9).astype(np.float32), 2.0))
 arena = make_arena(world)
 for n in (2, 3):  # three seeds do not divide by two devices
     together = train_many(SMALL, TASK, arena, SEEDS[:n], chunk_rounds=5)

@@ -111,7 +111,7 @@ def test_an_update_with_every_switch_is_its_equations(arena: Arena, together: Tr
         first, second = (jax.vmap(network)(there, goal) for network in members(state.target))
         least, chooser = jnp.minimum(first, second), jax.vmap(members(online)[0])(there, goal)
         target = q_learning_target(outcome.reward, outcome.terminated, chooser, least, outcome.discount, True)
-        target = jnp.clip(target, *TASK.value_bounds)
+        target = jnp.clip(target, *TASK.value_bounds())
 
         def errors(networks: Networks) -> jax.Array:
             q = [jax.vmap(network)(at(experiences.transition.cell[row]), goal) for network in members(networks)]

@@ -9,6 +9,7 @@ import numpy as np
 import optax
 import pytest
 
+from cellpilot.airspace import STOPPED
 from cellpilot.envs.arena import Arena, make_arena
 from cellpilot.errors import InputError
 from cellpilot.learn.algorithms import ddqn_her
@@ -313,7 +314,7 @@ def test_optimisation_is_adam_on_the_squared_error(arena: Arena, filled: Learner
         there = jax.vmap(state.target)(at(transition.next_cell), at(goal))
         chooser = jax.vmap(online)(at(transition.next_cell), at(goal))
         reached = transition.next_cell == goal
-        reward = -0.1 + 10.0 * reached - 1.0 * (transition.sinr_db < 3.0) - 0.5 * transition.blocked
+        reward = -0.1 + 10.0 * reached - 1.0 * (transition.sinr_db < 3.0) - 0.5 * (transition.event == STOPPED)
         target = q_learning_target(jnp.asarray(reward, jnp.float32), jnp.asarray(reached), chooser, there, TASK.discount, True)
 
         def loss(network: QNetwork, at=at, transition=transition, goal=goal, target=target) -> jax.Array:
@@ -349,7 +350,7 @@ def test_no_exploration_follows_the_arg_max(arena: Arena, filled: LearnerState) 
 
 def test_clipped_targets_stay_within_what_a_flight_can_return(arena: Arena, filled: LearnerState) -> None:
     """A target network that promises far too much, or far too little, moves the online one no more than the bounds do."""
-    low, high = TASK.value_bounds
+    low, high = TASK.value_bounds()
     far = 1e6
     one = jax.tree.map(jnp.zeros_like, filled.target)
 

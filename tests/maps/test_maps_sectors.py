@@ -7,7 +7,8 @@ from cellpilot.maps import make_map, simulate_map
 from cellpilot.maps.sectors import sector_levels
 from cellpilot.maps.sources import simulated
 from cellpilot.radio import hexagonal_deployment, received_power_dbm
-from cellpilot.world import UNHEARD_DBM, World
+from cellpilot.signal import UNHEARD_DBM
+from cellpilot.world import World
 
 DEPLOYMENT = hexagonal_deployment(rings=0)
 AREA = {"x_range_m": (-40.0, 40.0), "y_range_m": (-60.0, 60.0), "heights_m": (30.0, 60.0)}
@@ -26,13 +27,15 @@ def test_rsrp_of_a_bin_is_the_mean_of_its_points_in_db() -> None:
 def test_with_one_point_a_cell_the_best_sector_has_the_sinr_of_the_map() -> None:
     radio_map = simulate_map(DEPLOYMENT, **AREA, points_per_side=1)
     world = World.from_map(radio_map)
-    assert world.levels is not None
-    serving = world.levels.rsrp_dbm.argmax(axis=0)
-    np.testing.assert_array_equal(serving, world.serving_sector)
-    np.testing.assert_allclose(world.levels.sinr_db[serving, np.arange(world.grid.n_cells)], world.sinr_db, atol=1e-4)
-    others = world.levels.sinr_db.copy()
+    assert world.signal.levels is not None
+    serving = world.signal.levels.rsrp_dbm.argmax(axis=0)
+    np.testing.assert_array_equal(serving, world.signal.serving_sector)
+    np.testing.assert_allclose(
+        world.signal.levels.sinr_db[serving, np.arange(world.grid.n_cells)], world.signal.mean_db, atol=1e-4
+    )
+    others = world.signal.levels.sinr_db.copy()
     others[serving, np.arange(world.grid.n_cells)] = -np.inf
-    assert (others.max(axis=0) < world.sinr_db).all()
+    assert (others.max(axis=0) < world.signal.mean_db).all()
 
 
 def test_beyond_the_limit_the_levels_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,7 +43,7 @@ def test_beyond_the_limit_the_levels_are_left_out(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(simulated, "MAX_RSRP_VALUES", 3 * kept["sinr_db"].size - 1)
     radio_map = simulate_map(DEPLOYMENT, **AREA, points_per_side=1)
     assert "rsrp_dbm" not in radio_map
-    assert World.from_map(radio_map).levels is None
+    assert World.from_map(radio_map).signal.levels is None
     assert radio_map.equals(kept.drop_vars("rsrp_dbm"))
 
 
@@ -62,7 +65,7 @@ def test_an_unheard_sector_is_far_below_the_others() -> None:
     found = sector_levels(radio_map)
     assert found is not None
     assert found[0][1].tolist() == [-np.inf, -85.0]
-    levels = World.from_map(radio_map).levels
+    levels = World.from_map(radio_map).signal.levels
     assert levels is not None
     assert levels.rsrp_dbm[1].tolist() == [UNHEARD_DBM, -85.0]
     noise_dbm = -95.0 - 10 * np.log10(600)

@@ -89,7 +89,7 @@ def test_the_share_below_is_that_of_the_world() -> None:
     world = World.from_map(radio_map)
     below = share_below(radio_map, 0, 3.0)
     assert (below.free, below.below, below.unknown) == (9, 3, 2)
-    assert below.share == pytest.approx((world.sinr_db[world.free_cells] < 3.0).mean())
+    assert below.share == pytest.approx((world.signal.mean_db[world.airspace.free_cells] < 3.0).mean())
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ class Fixed:
 
     def __init__(self, world: World, actions: object):
         self.table = np.broadcast_to(np.asarray(actions), world.grid.n_cells)
-        self.n_actions = world.grid.n_actions
+        self.n_actions = world.airspace.n_actions
 
     def action_probabilities(self, goals: np.ndarray) -> np.ndarray:
         return np.repeat(np.eye(self.n_actions, dtype=np.float32)[self.table][:, None], len(goals), axis=1)
@@ -66,12 +66,12 @@ def test_a_route_that_hits_the_time_limit_says_so(make_world: MakeWorld) -> None
 def test_a_route_is_what_the_evaluation_flies(random_world: MakeWorld, seed: int, sides: tuple[int, int, int]) -> None:
     world = random_world(seed, sides, 0.2, 2.0)
     task = Task()
-    start, goal = (tuple(p) for p in world.grid.position(world.free_cells[[0, 1]]).tolist())
+    start, goal = (tuple(p) for p in world.grid.position(world.airspace.free_cells[[0, 1]]).tolist())
     for policy in (OptimalPolicy(world, task), GreedyPolicy(world)):
         try:
             route = plan_route(world, task, policy, start, goal)
         except InputError:
-            assert world.part[world.grid.cell(start)] != world.part[world.grid.cell(goal)]
+            assert world.airspace.part[world.grid.cell(start)] != world.airspace.part[world.grid.cell(goal)]
             continue
         summary = exhaustive_summary(np.random.default_rng(0), world, task, policy, start, goal)
         assert route.status == REACHED
@@ -79,7 +79,7 @@ def test_a_route_is_what_the_evaluation_flies(random_world: MakeWorld, seed: int
         assert route.n_steps == summary.n_steps
         assert route.expected_low_share == pytest.approx(summary.low_steps / summary.n_steps)
         assert summary.arrivals[route.n_steps, route.shortest_steps] == 1
-        assert not world.blocked[route.cells].any()
+        assert not world.airspace.blocked[route.cells].any()
 
 
 def test_unusable_ends_are_refused(make_world: MakeWorld) -> None:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from cellpilot.task import Task
 
 Tensors = dict[str, np.ndarray]
 GRIDS = {2: (4, 3, 1), 3: (4, 3, 2)}
-ABOUT = {"task": asdict(Task()), "look_ahead": 3}
+ABOUT = {"task": Task().as_dict(), "look_ahead": 3}
 
 
 def perceptron(rng: np.random.Generator, part: str, *widths: int) -> Tensors:
@@ -150,8 +149,8 @@ HEADERS: list[Any] = [
     {"about": {}},
     {"about": ABOUT | {"task": None}},
     {"about": ABOUT | {"task": {"rho_goal": "x"}}},
-    {"about": ABOUT | {"task": asdict(Task()) | {"discount": float("nan")}}},
-    {"about": ABOUT | {"task": asdict(Task()) | {"more": 1}}},
+    {"about": ABOUT | {"task": Task().as_dict() | {"discount": float("nan")}}},
+    {"about": ABOUT | {"task": Task().as_dict() | {"more": 1}}},
     *({"about": ABOUT | {"look_ahead": value}} for value in (10**9, 0, -1, "3", 1.5, float("inf"), None, True, [3])),
     {"more": 1},
     "{",

@@ -49,7 +49,7 @@ def test_a_whole_flight_of_the_baseline(make_world: MakeWorld) -> None:
     cell, route = 0, []
     while cell != goal[0]:
         route.append(int(best[cell]))
-        cell = int(world.next_cell[cell, best[cell]])
+        cell = int(world.airspace.next_cell[cell, best[cell]])
     assert route == [EAST, EAST, EAST, NORTH]
 
 
@@ -60,7 +60,7 @@ def test_every_goal_is_reached_on_a_shortest_allowed_path(
 ) -> None:
     world = random_world(seed, sides, share)
     reference = plain(world)
-    goals = world.free_cells
+    goals = world.airspace.free_cells
     probabilities = GreedyPolicy(world).action_probabilities(goals)
     assert set(np.unique(probabilities)) <= {0.0, 1.0}
     np.testing.assert_array_equal(probabilities.sum(-1), 1.0)
@@ -77,7 +77,7 @@ def test_every_goal_is_reached_on_a_shortest_allowed_path(
 def test_the_random_policy_is_uniform(make_world: MakeWorld) -> None:
     for sides, actions in (((3, 3, 1), 4), ((3, 3, 2), 6)):
         world = make_world(sides)
-        probabilities = RandomPolicy(world).action_probabilities(world.free_cells)
+        probabilities = RandomPolicy(world).action_probabilities(world.airspace.free_cells)
         assert probabilities.shape == (world.grid.n_cells, world.grid.n_cells, actions)
         np.testing.assert_allclose(probabilities, 1 / actions)
 

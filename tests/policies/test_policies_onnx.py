@@ -1,7 +1,6 @@
 """ONNX files compute what the policy computes, by somebody else's runtime."""
 
 import json
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 
@@ -61,7 +60,7 @@ def pair(sides: Sides, task: Task = PLAIN, look_ahead: int = 1, networks: int = 
     tensors["blocked"] = (rng.random(n) < 0.2).astype(np.float32)
     if penalty:
         tensors["penalty"] = rng.random(n).astype(np.float32)
-    return PolicyParameters(tensors, pair_value.ARCHITECTURE, sides, {"task": asdict(task), "look_ahead": look_ahead})
+    return PolicyParameters(tensors, pair_value.ARCHITECTURE, sides, {"task": task.as_dict(), "look_ahead": look_ahead})
 
 
 POLICIES = {

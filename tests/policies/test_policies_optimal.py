@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cellpilot.airspace import STOPPED
 from cellpilot.errors import InputError
 from cellpilot.evaluate import evaluate
 from cellpilot.evaluate.evaluation import exhaustive_summary
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, RandomPolicy
 from cellpilot.policies.base import greedy_actions, one_hot
-from cellpilot.policies.optimal import optimal_values
+from cellpilot.solve import optimal_values
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -21,7 +22,7 @@ MakeWorld = Callable[..., World]
 
 def plain_reward(world: World, task: Task, there: int, stopped: bool, goal: int) -> float:
     """Equation 4.4 in words: every step, a low measurement, a blocked move, the goal."""
-    low = float(world.low_probability(task.threshold_db)[there])
+    low = float(world.signal.outage_probability(task.threshold_db)[there])
     return task.rho_step + task.rho_sinr * low + task.rho_blocked * stopped + task.rho_goal * (there == goal)
 
 
@@ -54,13 +55,13 @@ def test_values_against_plain_value_iteration(
     world = random_world(seed, sides, 0.2, noise_std_db=2.0, sinr_std_db=1.0)
     task = Task(rho_goal=7.0, rho_sinr=-1.5, rho_step=-0.25, rho_blocked=-0.5, threshold_db=2.0)
     reference = plain(world)
-    goals = world.free_cells
+    goals = world.airspace.free_cells
     values = optimal_values(world, task, goals, gamma)
-    assert values.shape == (world.grid.n_cells, len(goals), world.grid.n_actions)
+    assert values.shape == (world.grid.n_cells, len(goals), world.airspace.n_actions)
     for column, goal in enumerate(goals):
         q = plain_values(world, reference, task, int(goal), gamma, 80)
         for (cell, action), value in q.items():
-            if world.part[cell] == world.part[goal] and cell != goal:
+            if world.airspace.part[cell] == world.airspace.part[goal] and cell != goal:
                 assert values[cell, column, action] == pytest.approx(value, abs=1e-6)
 
 
@@ -94,7 +95,7 @@ def test_values_against_every_path(random_world: MakeWorld, plain: Callable, gam
 def test_ties_go_to_the_lowest_action(make_world: MakeWorld) -> None:
     """With nothing to avoid, north-east is reached by north first, south-west by south first."""
     world = make_world((4, 4, 1))
-    actions = OptimalPolicy(world, Task()).actions(world.free_cells)
+    actions = OptimalPolicy(world, Task()).actions(world.airspace.free_cells)
     for start, goal in product(range(16), repeat=2):
         (x, y, _), (gx, gy, _) = world.grid.position(start), world.grid.position(goal)
         if (x, y) != (gx, gy):
@@ -104,7 +105,7 @@ def test_ties_go_to_the_lowest_action(make_world: MakeWorld) -> None:
 
 def test_the_order_of_goals_and_repeated_questions_change_nothing(random_world: MakeWorld) -> None:
     world = random_world(3, (4, 3, 1), 0.2)
-    goals = world.free_cells
+    goals = world.airspace.free_cells
     policy = OptimalPolicy(world, Task())
     some = policy.action_probabilities(goals[[3, 0]])
     every = policy.action_probabilities(goals)
@@ -115,7 +116,7 @@ def test_the_order_of_goals_and_repeated_questions_change_nothing(random_world: 
 
 def test_more_goals_than_one_block(random_world: MakeWorld) -> None:
     world = random_world(4, (10, 8, 1))  # 80 goals
-    goals = world.free_cells
+    goals = world.airspace.free_cells
     values = optimal_values(world, Task(), goals)
     for goal in (0, 63, 64, 79):
         np.testing.assert_allclose(values[:, goal], optimal_values(world, Task(), goals[[goal]])[:, 0], atol=1e-8)
@@ -148,8 +149,8 @@ def test_nobody_beats_the_optimum(
     n = world.grid.n_cells
     rng = np.random.default_rng(seed)
     greedy = GreedyPolicy(world).action_probabilities(np.arange(n, dtype=np.int32)).argmax(-1)
-    noisy = np.where(rng.random((n, n)) < 0.1, rng.integers(0, world.grid.n_actions, (n, n)), greedy)
-    others = [OptimalPolicy(world, task), GreedyPolicy(world), RandomPolicy(world), TablePolicy(noisy, world.grid.n_actions)]
+    noisy = np.where(rng.random((n, n)) < 0.1, rng.integers(0, world.airspace.n_actions, (n, n)), greedy)
+    others = [OptimalPolicy(world, task), GreedyPolicy(world), RandomPolicy(world), TablePolicy(noisy, world.airspace.n_actions)]
     for other in others:
         assert mean(other) <= best + 1e-7
 
@@ -170,9 +171,9 @@ def test_the_discounted_optimum_can_return_less_than_the_undiscounted_one(make_w
 @pytest.mark.parametrize("task", [Task(rho_step=0.1), Task(rho_step=-0.1, rho_sinr=0.5), Task(rho_blocked=1.0)])
 def test_no_undiscounted_optimum_where_circling_earns(random_world: MakeWorld, task: Task) -> None:
     world = random_world(1, (4, 3, 1), 0.2, noise_std_db=3.0)
-    assert world.stopped[~world.blocked].any()
+    assert (world.airspace.event[~world.airspace.blocked] == STOPPED).any()
     with pytest.raises(InputError, match="circling earns"):
-        OptimalPolicy.undiscounted(world, task).actions(world.free_cells[:2])
+        OptimalPolicy.undiscounted(world, task).actions(world.airspace.free_cells[:2])
 
 
 def test_with_discount_circling_may_earn(make_world: MakeWorld) -> None:
@@ -226,9 +227,9 @@ def test_value_bounds_hold_for_every_flight(
     """No value of the best policy, nor of the worst, leaves the bounds of the task."""
     world = random_world(seed, (3, 3, 1), 0.25)
     task = Task(*rewards, discount=discount)
-    low, high = task.value_bounds
-    goals = world.free_cells
-    flying = (np.arange(world.grid.n_cells)[:, None] != goals) & ~world.blocked[:, None]
+    low, high = task.value_bounds()
+    goals = world.airspace.free_cells
+    flying = (np.arange(world.grid.n_cells)[:, None] != goals) & ~world.airspace.blocked[:, None]
     best = optimal_values(world, task, goals)[flying]
     worst = -optimal_values(world, Task(*(-rho for rho in rewards), discount=discount), goals)[flying]
     assert worst.min() >= low - 1e-5
@@ -236,10 +237,10 @@ def test_value_bounds_hold_for_every_flight(
 
 
 def test_value_bounds_by_hand() -> None:
-    low, high = Task(discount=0.9).value_bounds
+    low, high = Task(discount=0.9).value_bounds()
     assert (low, high) == pytest.approx((-11.0, 10.0))  # 1.1 for ever, or the goal at once
-    assert Task(discount=1.0).value_bounds == (-np.inf, 10.0)
-    assert Task(rho_blocked=-0.9, discount=0.5).value_bounds == pytest.approx((-4.0, 10.0))
+    assert Task(discount=1.0).value_bounds() == (-np.inf, 10.0)
+    assert Task(rho_blocked=-0.9, discount=0.5).value_bounds() == pytest.approx((-4.0, 10.0))
 
 
 @given(st.integers(0, 2**31), st.sampled_from([(5, 4, 1), (3, 3, 2)]), st.sampled_from([0.0, 0.4]), st.sampled_from([0.0, 2.0]))
@@ -249,19 +250,23 @@ def test_undiscounted_values_are_those_of_repeated_backing_up(
     """The same from sweeps by hand: as many as there are cells, from nothing known."""
     world = random_world(seed, sides, share, noise)
     task = Task(rho_goal=4.0, rho_sinr=-0.7, rho_step=-0.2, rho_blocked=-0.1)
-    low = np.nan_to_num(world.low_probability(task.threshold_db))
-    for goal in world.free_cells[::3]:
+    low = np.nan_to_num(world.signal.outage_probability(task.threshold_db))
+    for goal in world.airspace.free_cells[::3]:
         value = np.full(world.grid.n_cells, -np.inf)
         for _ in range(world.grid.n_cells):
-            reward = task.rho_step + task.rho_sinr * low[world.next_cell] + task.rho_blocked * world.stopped
-            arrives = world.next_cell == goal
-            q = reward + np.where(arrives, task.rho_goal, value[world.next_cell])
+            reward = (
+                task.rho_step
+                + task.rho_sinr * low[world.airspace.next_cell]
+                + task.rho_blocked * (world.airspace.event == STOPPED)
+            )
+            arrives = world.airspace.next_cell == goal
+            q = reward + np.where(arrives, task.rho_goal, value[world.airspace.next_cell])
             value = q.max(-1)
             value[goal] = -np.inf
         found = optimal_values(world, task, np.array([goal]), 1.0)[:, 0]
-        here = (world.part == world.part[goal]) & (np.arange(world.grid.n_cells) != goal)
+        here = (world.airspace.part == world.airspace.part[goal]) & (np.arange(world.grid.n_cells) != goal)
         np.testing.assert_allclose(found[here], q[here], atol=1e-9)
-        assert np.isneginf(found[(world.part >= 0) & (world.part != world.part[goal])]).all()
+        assert np.isneginf(found[(world.airspace.part >= 0) & (world.airspace.part != world.airspace.part[goal])]).all()
 
 
 @pytest.mark.parametrize("discount", [0.5, 0.95, 0.995])
@@ -273,15 +278,15 @@ def test_policy_iteration_finds_the_values_of_value_iteration(
     blocked_share: float,
     discount: float,
 ) -> None:
-    from cellpilot.policies import optimal
+    from cellpilot.solve import values as solve_values
 
     world, task = random_world(3, sides, blocked_share), Task(discount=discount, rho_blocked=-0.2, max_steps=500)
-    goals = world.free_cells[:: len(world.free_cells) // 7]
-    swept = optimal.optimal_values(world, task, goals)
-    monkeypatch.setattr(optimal, "LARGE_CELLS", 10)
-    improved = optimal.optimal_values(world, task, goals)
+    goals = world.airspace.free_cells[:: len(world.airspace.free_cells) // 7]
+    swept = solve_values.optimal_values(world, task, goals)
+    monkeypatch.setattr(solve_values, "LARGE_CELLS", 10)
+    improved = solve_values.optimal_values(world, task, goals)
     alive = np.ones(swept.shape[:2], bool)
     alive[goals, np.arange(len(goals))] = False
-    alive &= ~world.blocked[:, None] & (world.part[:, None] == world.part[goals][None, :])
+    alive &= ~world.airspace.blocked[:, None] & (world.airspace.part[:, None] == world.airspace.part[goals][None, :])
     np.testing.assert_allclose(improved[alive], swept[alive], atol=1e-6)
     np.testing.assert_array_equal(greedy_actions(improved)[alive], greedy_actions(swept)[alive])

@@ -1,7 +1,6 @@
 """Synthetic run folders, made by the functions that make real ones, for the tests of the report."""
 
 import json
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -47,7 +46,7 @@ def small_map(n_heights: int = 1, sectors: bool = True, special: bool = False) -
 def random_parameters(world: World, seed: int = 0) -> PolicyParameters:
     """A network of the thesis's shape with random weights."""
     rng = np.random.default_rng(seed)
-    sizes = (2 * world.grid.n_dimensions, 16, world.grid.n_actions)
+    sizes = (2 * world.grid.n_dimensions, 16, world.airspace.n_actions)
     tensors = {}
     for i, (n_in, n_out) in enumerate(pairwise(sizes)):
         tensors[f"network.layers.{i}.weight"] = rng.normal(size=(n_out, n_in)).astype(np.float32)
@@ -103,7 +102,7 @@ def evaluation_dataset(result: Evaluation, task: Task, scenario: str, noise_std_
         {"policy": names, "sinr_level_db": ("sinr_level", SINR_LEVELS_DB)},
         {
             "metrics": json.dumps({"scenario": scenario, **metrics}),
-            "task": json.dumps(asdict(task)),
+            "task": json.dumps(task.as_dict()),
             "noise_std_db": noise_std_db,
         },
     )

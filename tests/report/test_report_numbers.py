@@ -91,10 +91,10 @@ def test_sensitivity_points_are_ordered_and_kept_apart() -> None:
 def test_goals_lie_amid_low_and_amid_high_sinr() -> None:
     world = World.from_map(small_map(special=True))
     low, high = chosen_goals(world, 3.0)
-    chance = world.low_probability(3.0)
+    chance = world.signal.outage_probability(3.0)
     assert (chance[low], chance[high]) == (1.0, 0.0)
-    assert (chance[world.next_cell[low]] == 1).all()
-    assert (chance[world.next_cell[high]] == 0).all()
+    assert (chance[world.airspace.next_cell[low]] == 1).all()
+    assert (chance[world.airspace.next_cell[high]] == 0).all()
     assert chosen_goals(World.from_map(small_map(special=True)), 3.0) == (low, high)
 
 

@@ -66,6 +66,7 @@ CHANGED_TASK = {
     "rho_sinr": -2.0,
     "rho_step": -0.2,
     "rho_blocked": -0.5,
+    "rho_end": -7.0,
     "threshold_db": 6.0,
     "discount": 0.3,
     "max_steps": 17,
@@ -230,7 +231,7 @@ def metrics_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Scenario],
 
 @pytest.mark.parametrize(
     ("section", "name", "value"),
-    [("task", name, value) for name, value in CHANGED_TASK.items() if name != "rho_blocked"]
+    [("task", name, value) for name, value in CHANGED_TASK.items() if name not in ("rho_blocked", "rho_end")]
     + [("task", "noise_std_db", 4.0), ("task", "start", (0, 0, 0)), ("task", "goal", (1, 1, 0))]
     + [
         ("evaluation", "n_sampled", 60),

@@ -13,10 +13,9 @@ from cellpilot.cli.console import out, share_bar, warn
 from cellpilot.cli.options import parse
 from cellpilot.errors import WriteError
 from cellpilot.evaluate.evaluation import most_goals
-from cellpilot.experiment import divergence_warning, threshold_warning
+from cellpilot.experiment import divergence_warning, make_world, threshold_warning
 from cellpilot.runs import evaluate_run, open_run_or_shipped, origin_warning, payload, save_evaluation
 from cellpilot.scenario import Settings
-from cellpilot.world import World
 
 
 class EvaluateOptions(Settings):
@@ -38,7 +37,7 @@ def main(arguments: Sequence[str]) -> int:
         from cellpilot.maps import load_map
 
         radio_map = load_map(options.map)
-    world = run.world if radio_map is None else World.from_map(radio_map, run.world.noise_std_db)
+    world = run.world if radio_map is None else make_world(radio_map, run.scenario.task.noise_std_db, run.scenario.airspace)
     warn(threshold_warning(world, run.task.threshold_db))
     parameters = run.parameters()
     if parameters is not None:

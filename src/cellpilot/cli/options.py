@@ -18,6 +18,7 @@ from cellpilot.errors import InputError
 from cellpilot.scenario import (
     LEARNERS,
     SHIPPED,
+    AirspaceSettings,
     AnyLearnerSettings,
     LearnerSettings,
     MapFile,
@@ -43,6 +44,7 @@ class ScenarioOptions(Settings):
     scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
     map: MapSettings = SimulatedMap()
     task: TaskSettings = TaskSettings()
+    airspace: AirspaceSettings = AirspaceSettings()
     learner: AnyLearnerSettings = LearnerSettings()
 
 
@@ -59,7 +61,7 @@ def parse_scenario(kind: type[InScenario], arguments: Sequence[str], verb: str, 
     if (algorithm := _asked_algorithm(arguments)) not in (None, scenario.learner.algorithm):
         scenario = scenario.model_copy(update={"learner": LEARNERS[algorithm]()})
     _refuse_other_learner(arguments, scenario)
-    sections = [section for section in ("map", "task", "learner", "evaluation") if section in kind.model_fields]
+    sections = [section for section in ("map", "task", "airspace", "learner", "evaluation") if section in kind.model_fields]
     default = kind(scenario=name, **{section: getattr(scenario, section) for section in sections})
     options = parse(kind, arguments, f"cellpilot {verb}", f"{description} --map FILE: on that map.", default)
     return options, scenario.model_copy(update={section: getattr(options, section) for section in sections})

@@ -12,12 +12,12 @@ from pydantic import Field
 from cellpilot.cli.console import out, warn
 from cellpilot.cli.options import HELP, parse
 from cellpilot.errors import InputError
-from cellpilot.experiment import make_map, make_task, shipped_policy, threshold_warning
+from cellpilot.experiment import make_map, make_task, make_world, shipped_policy, threshold_warning
 from cellpilot.maps import RadioMap, anchor_of, load_map, to_degrees, to_local
 from cellpilot.plan.route import Route, parse_place, plan_route, route_payload
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
 from cellpilot.runs import open_run, origin_warning
-from cellpilot.scenario import SHIPPED, RewardSettings, Settings, find_scenario, load_scenario
+from cellpilot.scenario import SHIPPED, AirspaceSettings, RewardSettings, Settings, find_scenario, load_scenario
 from cellpilot.world import World
 
 
@@ -30,6 +30,7 @@ class PlanOptions(Settings):
     policy: Literal["optimal", "greedy", "learned"] = Field("optimal", description="who flies")
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = Field(False, description="print JSON and nothing else")
     task: RewardSettings = RewardSettings()
+    airspace: AirspaceSettings = AirspaceSettings()
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -44,14 +45,14 @@ def main(arguments: Sequence[str]) -> int:
             "a map file, a run folder or a shipped scenario comes first: cellpilot plan MAP_OR_RUN --start ... --goal ..."
         )
     loaded = None if wants_help else _load(source)
-    task_settings = RewardSettings() if loaded is None else loaded[1]
+    task_settings, airspace = (RewardSettings(), AirspaceSettings()) if loaded is None else loaded[1:3]
     rewards = RewardSettings(**task_settings.model_dump(include=set(RewardSettings.model_fields)))
-    default = PlanOptions(source=source, task=rewards)
+    default = PlanOptions(source=source, task=rewards, airspace=airspace)
     description = "Plan a route over a map."
     options = parse(PlanOptions, arguments, "cellpilot plan", description, default)
     assert loaded is not None
-    radio_map, _, parameters = loaded
-    world = World.from_map(radio_map, options.task.noise_std_db)
+    radio_map, _, _, parameters = loaded
+    world = make_world(radio_map, options.task.noise_std_db, options.airspace)
     task = make_task(options.task, world.grid)
     anchor = anchor_of(radio_map)
     local = None if anchor is None else lambda latitude_deg, longitude_deg: to_local(latitude_deg, longitude_deg, anchor)
@@ -66,7 +67,7 @@ def main(arguments: Sequence[str]) -> int:
     warn(threshold_warning(world, task.threshold_db))
     policies: dict[str, Policy] = {"optimal": OptimalPolicy(world, task, 1.0), "greedy": GreedyPolicy(world)}
     if parameters is not None:
-        parameters.check_grid(world.grid)
+        parameters.check_airspace(world.airspace)
         policies["learned"] = LearnedPolicy(parameters, world.grid)
     route = plan_route(world, task, policies[options.policy], start, goal)
     if options.as_json:
@@ -76,20 +77,20 @@ def main(arguments: Sequence[str]) -> int:
     return 0 if route.status == "reached" else 1
 
 
-def _load(source: str) -> tuple[RadioMap, RewardSettings, PolicyParameters | None]:
-    """Map, task settings and learned policy of what the person named."""
+def _load(source: str) -> tuple[RadioMap, RewardSettings, AirspaceSettings, PolicyParameters | None]:
+    """Map, settings of task and airspace, and learned policy of what the person named."""
     path = Path(source)
     if path.is_dir():
         run = open_run(path)
         parameters = run.parameters()
         if parameters is not None:
             warn(origin_warning(parameters, run.radio_map, run.task, run.seed))
-        return run.radio_map, run.scenario.task, parameters
+        return run.radio_map, run.scenario.task, run.scenario.airspace, parameters
     if path.suffix == ".toml" or (SHIPPED / f"{source}.toml").is_file():
         file = find_scenario(source)
         scenario = load_scenario(file)
-        return make_map(scenario.map), scenario.task, shipped_policy(file)
-    return load_map(path), RewardSettings(), None
+        return make_map(scenario.map), scenario.task, scenario.airspace, shipped_policy(file)
+    return load_map(path), RewardSettings(), AirspaceSettings(), None
 
 
 def _show(route: Route, world: World) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from cellpilot.learn.trainer import TrainingProgress, TrainingResult
 
 
-FIXED = ("--learner.", "--map.", "--task.", "--evaluation.", "--seed", "--out", "--force")
+FIXED = ("--learner.", "--map.", "--task.", "--airspace.", "--evaluation.", "--seed", "--out", "--force")
 """How the options begin that a run which goes on cannot take."""
 
 

@@ -1,27 +1,30 @@
 """`Arena`: what compiled code needs of a `World`, and the draw of a start and a goal."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from cellpilot.envs.backend import check_backend
 from cellpilot.grid import Position
+from cellpilot.signal import Signal, Unknown
 from cellpilot.world import World
+
+jax.tree_util.register_dataclass(Unknown, [f.name for f in fields(Unknown)], [])
+jax.tree_util.register_dataclass(Signal, [f.name for f in fields(Signal)], [])
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Arena:
-    """A world on the device; every field is an array, so another world of the same size needs no new compilation."""
+    """A world on the device, and where flights begin and end; another world of the same size needs no new compilation."""
 
-    sinr_db: Float[Array, " cells"]
-    sinr_std_db: Float[Array, " cells"]
-    noise_std_db: Float[Array, ""]
+    signal: Signal  # its arrays on the device
     next_cell: Int[Array, "cells actions"]
-    stopped: Bool[Array, "cells actions"]
+    event: UInt8[Array, "cells actions"]
+    not_offered: Float[Array, "cells actions"] | None  # -inf for an action that is not offered, else 0; None if all are
     coordinates: Float[Array, "cells dimensions"]  # network input: position counted from 1, divided by the side
     start_cells: Int[Array, " starts"]  # possible starts, grouped by connected part
     goal_cells: Int[Array, " goals"]  # possible goals, grouped by connected part
@@ -33,6 +36,8 @@ class Arena:
     part: Int[Array, " cells"]  # connected part of each cell, -1 in blocked cells
     may_be_goal: Bool[Array, " cells"]
     sides: Position = field(metadata={"static": True})
+    ends: bool = field(metadata={"static": True})  # flights can end in blocked cells
+    diagonal: bool = field(metadata={"static": True})  # a move may change several coordinates
 
     @property
     def n_cells(self) -> int:
@@ -47,20 +52,20 @@ def make_arena(world: World, start: Position | None = None, goal: Position | Non
     a device.
     """
     check_backend()
-    starts, goals = world.start_goal_cells(start, goal)
-    parts = np.intersect1d(world.part[starts], world.part[goals])
-    starts, start_offset, start_count = _grouped(starts, world.part, parts)
-    goals, goal_offset, goal_count = _grouped(goals, world.part, parts)
+    airspace = world.airspace
+    starts, goals = airspace.start_goal_cells(start, goal)
+    parts = np.intersect1d(airspace.part[starts], airspace.part[goals])
+    starts, start_offset, start_count = _grouped(starts, airspace.part, parts)
+    goals, goal_offset, goal_count = _grouped(goals, airspace.part, parts)
     shared = np.array([np.isin(starts[o : o + n], goals).sum() for o, n in zip(start_offset, start_count, strict=True)])
     pairs = start_count * goal_count - shared
     grid = world.grid
     position = grid.position(np.arange(grid.n_cells))[:, : grid.n_dimensions]
     return Arena(
-        sinr_db=jnp.asarray(world.sinr_db, jnp.float32),
-        sinr_std_db=jnp.asarray(world.sinr_std_db, jnp.float32),
-        noise_std_db=jnp.asarray(world.noise_std_db, jnp.float32),
-        next_cell=jnp.asarray(world.next_cell),
-        stopped=jnp.asarray(world.stopped),
+        signal=_on_device(world.signal),
+        next_cell=jnp.asarray(airspace.next_cell),
+        event=jnp.asarray(airspace.event),
+        not_offered=jnp.where(airspace.offered, 0.0, -jnp.inf) if airspace.rule == "mask" else None,
         coordinates=jnp.asarray((position + 1) / np.asarray(grid.sides[: grid.n_dimensions]), jnp.float32),
         start_cells=jnp.asarray(starts),
         goal_cells=jnp.asarray(goals),
@@ -69,10 +74,18 @@ def make_arena(world: World, start: Position | None = None, goal: Position | Non
         start_count=jnp.asarray(start_count),
         goal_offset=jnp.asarray(goal_offset),
         goal_count=jnp.asarray(goal_count),
-        part=jnp.asarray(world.part),
+        part=jnp.asarray(airspace.part),
         may_be_goal=jnp.asarray(np.isin(np.arange(grid.n_cells), goals)),
         sides=grid.sides,
+        ends=airspace.ends,
+        diagonal=airspace.moves.diagonal,
     )
+
+
+def _on_device(signal: Signal) -> Signal:
+    """Mean, spread and noise as device arrays; what compiled code has no use for is left out."""
+    unknown = None if signal.unknown is None else jax.tree.map(jnp.asarray, signal.unknown)
+    return Signal(jnp.asarray(signal.mean_db, jnp.float32), jnp.asarray(signal.noise_std_db, jnp.float32), unknown)
 
 
 def draw_start_and_goal(key: Array, arena: Arena) -> tuple[Int[Array, ""], Int[Array, ""]]:

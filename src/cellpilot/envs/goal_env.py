@@ -18,8 +18,10 @@ class GoalEnv(gymnasium.Env[Observation, np.int64]):
     """Fly from a start to a goal; the map is known only through the SINR measured in each step.
 
     The observation holds the position (`observation`, and again as `achieved_goal`) and the `desired_goal`, each counted
-    from 1 and divided by the side of the grid. Entering the goal terminates, `task.max_steps` truncates. `info` holds the
-    facts of the step: `sinr_db` as measured, `blocked` (a blocked cell stopped the move), `n_steps`, `is_success`.
+    from 1 and divided by the side of the grid. Entering the goal terminates, and so does a blocked cell under the rule `end`;
+    `task.max_steps` truncates. `info` holds the facts of the step: `cell` before it, `action`, `sinr_db` as measured, `event`
+    (what became of the move, see `cellpilot.airspace`), `n_steps`, `is_success` (the goal was entered), and under the rule
+    `mask` the `action_mask` of the next step, which `reset` gives as well.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 8}  # noqa: RUF012
@@ -40,11 +42,11 @@ class GoalEnv(gymnasium.Env[Observation, np.int64]):
         self.observation_space = self.rules.observation_space  # type: ignore[assignment]
         self.action_space = self.rules.action_space
         # Lists, because one number out of an array costs several times as much.
-        self._next_cell: list[list[int]] = world.next_cell.tolist()
-        self._stopped: list[list[bool]] = world.stopped.tolist()
+        self._next_cell: list[list[int]] = world.airspace.next_cell.tolist()
+        self._event: list[list[int]] = world.airspace.event.tolist()
         self._rows = list(self.rules.coordinates)
-        self._n_actions = world.grid.n_actions
-        self._sinr_db = world.sinr_db
+        self._n_actions, self._masked = world.airspace.n_actions, world.airspace.rule == "mask"
+        self._error_db: NDArray[np.float32] | None = None
         self._goal = 0
         self._path: list[int] = []
 
@@ -57,10 +59,9 @@ class GoalEnv(gymnasium.Env[Observation, np.int64]):
         world = self.rules.world
         start, goal = self.rules.draw_pairs(self.np_random, 1, options)
         self._path, self._goal = [int(start[0])], int(goal[0])
-        if world.sinr_std_db.any():
-            deviation_db = self.np_random.standard_normal(world.grid.n_cells, np.float32)
-            self._sinr_db = world.sinr_db + world.sinr_std_db * deviation_db
-        return self._observation(), {}
+        if world.signal.unknown is not None:
+            self._error_db = world.signal.unknown.draw(self.np_random.standard_normal(world.grid.n_cells, np.float32))
+        return self._observation(), self._mask()
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Observation, reward, terminated, truncated, facts of the step."""
@@ -72,15 +73,18 @@ class GoalEnv(gymnasium.Env[Observation, np.int64]):
             raise InputError(f"action is {action!r}; expected one whole number from 0 to {self._n_actions - 1}") from None
         if not 0 <= action < self._n_actions:
             raise InputError(f"action is {action}; expected 0 to {self._n_actions - 1}")
-        cell, task, noise_std_db = self._path[-1], self.rules.task, self.rules.world.noise_std_db
-        next_cell, blocked = self._next_cell[cell][action], self._stopped[cell][action]
-        sinr_db = self._sinr_db[next_cell]
-        if noise_std_db:
-            sinr_db = sinr_db + np.float32(noise_std_db * self.np_random.standard_normal())
+        cell, task, signal = self._path[-1], self.rules.task, self.rules.world.signal
+        if self._masked:
+            self.rules.check_offered(cell, action)
+        next_cell, event = self._next_cell[cell][action], self._event[cell][action]
+        error_db = None if self._error_db is None else self._error_db[next_cell]
+        noise = self.np_random.standard_normal(dtype=np.float32) if signal.noise_std_db else None
+        sinr_db = signal.measure(next_cell, error_db, noise)
         self._path.append(next_cell)
         n_steps = len(self._path) - 1
-        reward, terminated = task.outcome(Transition(cell, action, next_cell, sinr_db, blocked), self._goal)
-        info = {"sinr_db": float(sinr_db), "blocked": blocked, "n_steps": n_steps, "is_success": terminated}
+        reward, reached, terminated = task.outcome(Transition(cell, action, next_cell, sinr_db, event), self._goal)
+        info = {"cell": cell, "action": action, "sinr_db": float(sinr_db), "event": event, "n_steps": n_steps}
+        info |= {"is_success": reached} | self._mask()
         return self._observation(), float(reward), terminated, n_steps >= task.max_steps and not terminated, info
 
     def compute_reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
@@ -92,7 +96,7 @@ class GoalEnv(gymnasium.Env[Observation, np.int64]):
         return self.rules.reward(achieved_goal, desired_goal, info)
 
     def compute_terminated(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
-        """Whether the desired goals were entered, `[...]`."""
+        """Whether the flights end in these steps, had the desired goals been theirs, `[...]`."""
         return self.rules.terminated(achieved_goal, desired_goal)
 
     def compute_truncated(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
@@ -108,6 +112,9 @@ class GoalEnv(gymnasium.Env[Observation, np.int64]):
         from cellpilot.envs.picture import draw_flight
 
         return draw_flight(self.rules.world, self.rules.task, self._path, self._goal)
+
+    def _mask(self) -> dict[str, Any]:
+        return {"action_mask": self.rules.action_mask(self._path[-1])} if self._masked else {}
 
     def _observation(self) -> Observation:
         here = self._rows[self._path[-1]]

@@ -1,7 +1,7 @@
 """What the Gymnasium environments of one flight and of many share: spaces, observations, and the outcome for any goal.
 
-A reward depends on what was *measured* in the step, so the facts of a step travel in `info` (`sinr_db`, `blocked`,
-`n_steps`) and a hindsight reward is `Task.outcome` of the same facts with another goal. NumPy only.
+A reward depends on what was *measured* in the step, so the facts of a step travel in `info` (`cell`, `action`, `sinr_db`,
+`event`, `n_steps`) and a hindsight reward is `Task.outcome` of the same facts with another goal. NumPy only.
 """
 
 import operator
@@ -14,6 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from cellpilot.airspace import ENTERED, MOVED
 from cellpilot.errors import InputError
 from cellpilot.grid import IntArray, Position
 from cellpilot.task import Task, Transition
@@ -41,7 +42,7 @@ class GoalRules:
 
     @cached_property
     def _usual_cells(self) -> tuple[IntArray, IntArray]:
-        return self.world.start_goal_cells(self.start, self.goal)
+        return self.world.airspace.start_goal_cells(self.start, self.goal)
 
     @cached_property
     def sides(self) -> IntArray:
@@ -65,14 +66,17 @@ class GoalRules:
 
     @property
     def action_space(self) -> spaces.Discrete:
-        """Moves in the order of `cellpilot.grid.ACTIONS`."""
-        return spaces.Discrete(self.world.grid.n_actions)
+        """Moves in the order of `world.airspace.moves`."""
+        return spaces.Discrete(self.world.airspace.n_actions)
 
     @cached_property
     def rewards_follow_from_cells(self) -> bool:
-        """Whether the cell entered decides the reward: no noise, no map uncertainty, no reward for being stopped."""
-        certain = self.world.noise_std_db == 0 and not self.world.sinr_std_db.any()
-        return certain and (self.task.rho_blocked == 0 or not self.world.blocked.any())
+        """Whether the cell entered decides the reward: no noise, no map uncertainty, no reward that depends on the move."""
+        signal, airspace = self.world.signal, self.world.airspace
+        moves_count = any(price.of == "move" for price in self.task.more) or (
+            airspace.blocked.any() and ((airspace.rule == "stay" and self.task.rho_blocked != 0) or airspace.ends)
+        )
+        return signal.noise_std_db == 0 and signal.unknown is None and not moves_count
 
     def observation(self, cell: Any, goal: Any) -> Observation:
         """New arrays `[..., dims]` for cells and goals `[...]`."""
@@ -99,11 +103,11 @@ class GoalRules:
     def draw_pairs(self, rng: np.random.Generator, n: int, options: Mapping[str, Any] | None = None) -> tuple[IntArray, IntArray]:
         """Starts and goals `[n]`; `options` may fix either for once, as a position `(ix, iy, iz)` under `start` or `goal`."""
         if not options:
-            return self.world.draw_pairs(rng, n, *self._usual_cells)
+            return self.world.airspace.draw_pairs(rng, n, *self._usual_cells)
         if unknown := options.keys() - {"start", "goal"}:
             raise InputError(f"reset: unknown option {sorted(unknown)[0]!r}; expected start or goal, a position (ix, iy, iz)")
         start, goal = place_of(options.get("start", self.start)), place_of(options.get("goal", self.goal))
-        return self.world.draw_pairs(rng, n, *self.world.start_goal_cells(start, goal))
+        return self.world.airspace.draw_pairs(rng, n, *self.world.airspace.start_goal_cells(start, goal))
 
     def reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
         """Rewards `[...]` of the recorded steps, had they been flown towards the desired goals `[..., dims]`.
@@ -111,28 +115,47 @@ class GoalRules:
         Without facts in `info` the map is looked up, where that gives the same reward; else `InputError`.
         """
         cell = self.cells(achieved_goal)
-        sinr_db, blocked = _fact(info, "sinr_db"), _fact(info, "blocked")
-        if sinr_db is None or blocked is None:
+        before, action, sinr_db, event = (_fact(info, name) for name in ("cell", "action", "sinr_db", "event"))
+        if before is None or action is None or sinr_db is None or event is None:
             if not self.rewards_follow_from_cells:
                 raise InputError(
-                    "compute_reward: info holds no sinr_db and blocked, but the reward depends on what was measured: "
+                    "compute_reward: info holds no cell, action, sinr_db and event, but the reward depends on them: "
                     "pass the info of each step (Stable-Baselines3: replay_buffer_kwargs={'copy_info_dict': True})"
                 )
-            sinr_db, blocked = self.world.sinr_db[cell], np.zeros(cell.shape, bool)
+            before, action, sinr_db, event = (
+                cell,
+                np.zeros_like(cell),
+                self.world.signal.measure(cell),
+                np.full(cell.shape, MOVED),
+            )
         # float32 as when it was measured, so that a value on the threshold falls on the same side.
-        facts = Transition(None, None, cell, sinr_db.astype(np.float32), blocked)
-        return self.task.outcome(facts, self.cells(desired_goal))[0]
+        facts = Transition(before, action, cell, sinr_db.astype(np.float32), event)
+        return self.task.outcome(facts, self.cells(desired_goal)).reward
 
     def terminated(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any]) -> Any:
-        """Whether the desired goals `[...]` were entered."""
-        return self.cells(achieved_goal) == self.cells(desired_goal)
+        """Whether the flights `[...]` end in these steps, had the desired goals been theirs: in the goal, or a blocked cell."""
+        cell = self.cells(achieved_goal)
+        event = np.where(self.world.airspace.blocked[cell], ENTERED, MOVED)  # nobody is in a blocked cell otherwise
+        return self.task.end(cell, event, self.cells(desired_goal))[1]
 
     def truncated(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
-        """Whether the cap on steps ended the flights `[...]` before the desired goals were entered."""
+        """Whether the cap on steps ended the flights `[...]` before the task did."""
         n_steps = _fact(info, "n_steps")
         if n_steps is None:
             raise InputError("compute_truncated: info holds no n_steps; pass the info of each step")
         return (n_steps >= self.task.max_steps) & ~self.terminated(achieved_goal, desired_goal)
+
+    def action_mask(self, cell: Any) -> NDArray[np.int8]:
+        """1 for each action that is offered in the cells `[...]`, else 0: `[..., actions]`."""
+        return self.world.airspace.offered[cell].astype(np.int8)
+
+    def check_offered(self, cell: Any, action: Any) -> None:
+        """`InputError` for an action that the rule `mask` does not offer there."""
+        offered = self.world.airspace.offered[cell, action]
+        if not np.all(offered):
+            first = int(np.asarray(action)[~offered].ravel()[0])
+            name = self.world.airspace.moves.names[first]
+            raise InputError(f"action {first} ({name}) is not offered here; choose one that info['action_mask'] allows")
 
 
 def place_of(position: Sequence[int] | None) -> Position | None:

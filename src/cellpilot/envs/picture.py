@@ -25,8 +25,8 @@ def draw_flight(world: World, task: Task, path: Sequence[int], goal: int) -> NDA
     position, (goal_x, goal_y, goal_z) = grid.position(np.asarray(path)), grid.position(goal)
     here_x, here_y, iz = position[-1]
     plane = lambda values: values.reshape(nz, ny, nx)[iz]
-    sinr_db, blocked = plane(world.sinr_db), plane(world.blocked)
-    known_db = world.sinr_db[np.isfinite(world.sinr_db) & ~world.blocked]
+    sinr_db, blocked = plane(world.signal.mean_db), plane(world.airspace.blocked)
+    known_db = world.signal.mean_db[np.isfinite(world.signal.mean_db) & ~world.airspace.blocked]
     lowest, highest = (known_db.min(), known_db.max()) if known_db.size else (0.0, 1.0)
 
     figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DOTS_PER_INCH, layout="constrained")

@@ -56,9 +56,8 @@ class GoalVectorEnv(VectorEnv[Observation, IntArray, NDArray[Any]]):
         self._cell, self._goal, self._n_steps = (np.zeros(num_envs, np.int32) for _ in range(3))
         self._begun = False
         self._over = np.ones(num_envs, bool)  # ended, and not begun anew
-        self._uncertain = bool(world.sinr_std_db.any())
-        if self._uncertain:
-            self._deviation_db = np.zeros((num_envs, world.grid.n_cells), np.float32)
+        self._masked = world.airspace.rule == "mask"
+        self._error_db = None if world.signal.unknown is None else np.zeros((num_envs, world.grid.n_cells), np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """New pairs for all flights, or for those that `options["reset_mask"]` (bool `[num_envs]`) names.
@@ -72,7 +71,7 @@ class GoalVectorEnv(VectorEnv[Observation, IntArray, NDArray[Any]]):
             raise InputError(f"reset_mask has shape {which.shape} of {which.dtype}; expected ({self.num_envs},) of bool")
         self._begin(which, options)
         self._begun = True
-        return self.rules.observation(self._cell, self._goal), {}
+        return self.rules.observation(self._cell, self._goal), self._mask()
 
     def step(self, actions: IntArray) -> tuple[Observation, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
         """Observations, rewards, terminated, truncated and facts of the step, each over the flights."""
@@ -83,28 +82,32 @@ class GoalVectorEnv(VectorEnv[Observation, IntArray, NDArray[Any]]):
         if self._over.any() and not skip.any():
             raise InputError("a flight has ended: call reset with options={'reset_mask': terminated | truncated} first")
         world, task = self.rules.world, self.rules.task
-        next_cell, blocked = world.next_cell[self._cell, actions], world.stopped[self._cell, actions]
+        if self._masked:
+            self.rules.check_offered(self._cell[~skip], actions[~skip])
+        before, next_cell = self._cell, world.airspace.next_cell[self._cell, actions]
+        event = world.airspace.event[self._cell, actions]
         sinr_db = self._measured(next_cell)
-        reward, terminated = task.outcome(Transition(self._cell, actions, next_cell, sinr_db, blocked), self._goal)
+        reward, reached, terminated = task.outcome(Transition(before, actions, next_cell, sinr_db, event), self._goal)
         self._cell, self._n_steps = next_cell, self._n_steps + 1
         truncated = (self._n_steps >= task.max_steps) & ~terminated
         if skip.any():
             self._begin(skip)
             reward, terminated, truncated = np.where(skip, 0.0, reward), terminated & ~skip, truncated & ~skip
-        facts = {"sinr_db": sinr_db, "blocked": blocked, "n_steps": self._n_steps.copy(), "is_success": terminated.copy()}
+        facts = {"cell": before, "action": actions, "sinr_db": sinr_db, "event": event, "n_steps": self._n_steps.copy()}
+        facts["is_success"] = reached & ~skip
         info = _with_masks(facts, ~skip)
         self._over = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             info |= self._final(facts, self._over)
             self._begin(self._over)
-        return self.rules.observation(self._cell, self._goal), reward, terminated, truncated, info
+        return self.rules.observation(self._cell, self._goal), reward, terminated, truncated, info | self._mask()
 
     def compute_reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
         """As `GoalEnv.compute_reward`; takes the `info` of this environment's `step` as it is."""
         return self.rules.reward(achieved_goal, desired_goal, info)
 
     def compute_terminated(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
-        """Whether the desired goals were entered, `[...]`."""
+        """Whether the flights end in these steps, had the desired goals been theirs, `[...]`."""
         return self.rules.terminated(achieved_goal, desired_goal)
 
     def compute_truncated(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Info) -> Any:
@@ -118,21 +121,22 @@ class GoalVectorEnv(VectorEnv[Observation, IntArray, NDArray[Any]]):
         self._cell[which], self._goal[which] = self.rules.draw_pairs(self.np_random, n, options)
         self._n_steps[which] = 0
         self._over = self._over & ~which
-        if self._uncertain:
-            world = self.rules.world
-            self._deviation_db[which] = world.sinr_std_db * self.np_random.standard_normal((n, world.grid.n_cells), np.float32)
+        unknown = self.rules.world.signal.unknown
+        if self._error_db is not None and unknown is not None:
+            normal = self.np_random.standard_normal((n, self.rules.world.grid.n_cells), np.float32)
+            self._error_db[which] = unknown.draw(normal)
+
+    def _mask(self) -> dict[str, Any]:
+        return _with_masks({"action_mask": self.rules.action_mask(self._cell)}, ~self._over) if self._masked else {}
 
     def _measured(self, cells: IntArray) -> NDArray[np.float32]:
-        world = self.rules.world
-        sinr_db = world.sinr_db[cells]
-        if self._uncertain:
-            sinr_db = sinr_db + self._deviation_db[np.arange(self.num_envs), cells]
-        if world.noise_std_db:
-            sinr_db = sinr_db + (world.noise_std_db * self.np_random.standard_normal(self.num_envs)).astype(np.float32)
-        return sinr_db
+        signal = self.rules.world.signal
+        error_db = None if self._error_db is None else self._error_db[np.arange(self.num_envs), cells]
+        noise = self.np_random.standard_normal(self.num_envs, np.float32) if signal.noise_std_db else None
+        return signal.measure(cells, error_db, noise)
 
     def _checked(self, actions: IntArray) -> IntArray:
-        actions, n_actions = np.asarray(actions), self.rules.world.grid.n_actions
+        actions, n_actions = np.asarray(actions), self.rules.world.airspace.n_actions
         if actions.shape != (self.num_envs,) or not np.issubdtype(actions.dtype, np.integer):
             raise InputError(f"actions have shape {actions.shape} of {actions.dtype}; expected ({self.num_envs},) of integers")
         if ((actions < 0) | (actions >= n_actions)).any():

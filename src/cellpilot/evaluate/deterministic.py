@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.airspace import ENTERED, MOVED
 from cellpilot.evaluate.statistics import weighted_quantile
 from cellpilot.evaluate.summary import longest_shortest_path
 from cellpilot.grid import IntArray
@@ -61,7 +62,7 @@ def deterministic_figures(
     """
     if not policy.deterministic:
         raise ValueError(f"the policy {policy.name} is not deterministic; use exhaustive_summary")
-    goals = world.free_cells if goals is None else np.asarray(goals, dtype=np.int32)
+    goals = world.airspace.free_cells if goals is None else np.asarray(goals, dtype=np.int32)
     width = longest_shortest_path(world, task) + 1
     arrivals = np.zeros((task.max_steps + 1, width))
     n_pairs, n_steps, low_steps, return_sum = 0, 0, 0.0, 0.0
@@ -70,7 +71,7 @@ def deterministic_figures(
         block = goals[i : i + GOALS_AT_ONCE]
         flights = fly_all(world, task, policy.action_probabilities(block).argmax(-1), block)
         valid, arrived = flights.valid, flights.valid & flights.reached
-        shortest = world.shortest_steps(block)[arrived].astype(np.intp)
+        shortest = world.airspace.shortest_steps(block)[arrived].astype(np.intp)
         place = flights.n_steps[arrived] * np.intp(width) + shortest
         arrivals += np.bincount(place, minlength=arrivals.size).reshape(arrivals.shape)
         n_pairs += int(valid.sum())
@@ -123,35 +124,37 @@ def fly_all(world: World, task: Task, actions: NDArray[np.integer], goals: IntAr
     """Every flight from every cell to each goal under `actions [n_cells, goals]`."""
     n_cells, n_goals = world.grid.n_cells, len(goals)
     goals = np.asarray(goals)
-    low_probability = np.nan_to_num(world.low_probability(task.threshold_db))
+    airspace = world.airspace
+    low_probability = world.outage_probability(task.threshold_db)
     cell, goal, action = np.arange(n_cells)[None, :], goals[:, None], np.ascontiguousarray(actions.T)
-    reward, _ = task.expected_outcome(world, cell, action, goal, low_probability)
-    next_cell = world.next_cell[cell, action]
-    flying = cell != goal
-    # A flight that has arrived stays, at no cost.
-    home = goals + np.arange(n_goals) * n_cells
+    reward = task.expected_outcome(world, cell, action, goal).reward
+    next_cell = airspace.next_cell[cell, action]
+    at_goal, over = task.end(cell, np.where(airspace.blocked, ENTERED, MOVED)[None, :], goal)
+    flying = ~over
+    # A flight that has ended stays where it is, at no cost.
+    here = np.arange(n_goals * n_cells).reshape(n_goals, n_cells)
     one = _Leg(
-        np.where(flying, next_cell + n_cells * np.arange(n_goals)[:, None], home[:, None]).astype(np.intp).ravel(),
+        np.where(flying, next_cell + n_cells * np.arange(n_goals)[:, None], here).astype(np.intp).ravel(),
         np.where(flying, reward, 0.0).ravel(),
         flying.astype(np.int32).ravel(),
         np.where(flying, low_probability[next_cell], 0.0).ravel(),
     )
-    valid = (flying & (world.part[cell] == world.part[goal])).ravel()
-    home_of = np.repeat(home, n_cells)
-    whole = _up_to_the_cap(one, task.max_steps, lambda end: bool((end == home_of)[valid].all()))
+    valid = (flying & (airspace.part[cell] == airspace.part[goal])).ravel()
+    over = over.ravel()
+    whole = _up_to_the_cap(one, task.max_steps, lambda end: bool(over[end[valid]].all()))
 
     def by_cell(values: NDArray[Any]) -> NDArray[Any]:
         return values.reshape(n_goals, n_cells).T
 
-    reached = whole.end == home_of
+    reached = at_goal.ravel()[whole.end]
     return PairFigures(goals, *(by_cell(x) for x in (valid, whole.reward, whole.steps, whole.low, reached)))
 
 
-def _up_to_the_cap(one: _Leg, n_steps: int, all_arrived: Callable[[NDArray[np.intp]], bool]) -> _Leg:
-    """`n_steps` steps, composed of powers of two after its binary digits; fewer compositions where all arrive earlier."""
+def _up_to_the_cap(one: _Leg, n_steps: int, all_over: Callable[[NDArray[np.intp]], bool]) -> _Leg:
+    """`n_steps` steps, composed of powers of two after its binary digits; fewer compositions where all end earlier."""
     power, done = one, None
     while True:
-        if all_arrived(power.end):
+        if all_over(power.end):
             return power
         if n_steps & 1:
             done = power if done is None else done.then(power)

@@ -99,7 +99,7 @@ def exhaustive_summary(
     progress: Progress = lambda share: None,
 ) -> Summary:
     """Exact summary over all pairs, goals in blocks."""
-    _, goals = world.start_goal_cells(start, goal)
+    _, goals = world.airspace.start_goal_cells(start, goal)
     blocks = [goals[i : i + GOALS_AT_ONCE] for i in range(0, len(goals), GOALS_AT_ONCE)]
     draw_every = 1 + count_pairs(world, start, goal)[0] // DRAWN_FLIGHTS
     total: Summary | None = None

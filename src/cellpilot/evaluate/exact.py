@@ -64,12 +64,12 @@ def _recursion(
 ) -> Summary:
     exact = probabilities.astype(np.float64)
     exact /= exact.sum(-1, keepdims=True)  # float32 rows sum to 1 only within 1e-7, which 400 steps would compound
-    chance = [np.ascontiguousarray(exact[..., a]) for a in range(world.grid.n_actions)]
+    chance = [np.ascontiguousarray(exact[..., a]) for a in range(world.airspace.n_actions)]
     departures = np.zeros((world.grid.n_cells, len(goals)))
     departures[starts, column] = 1.0
     arrivals, in_the_air = _arrivals(world, task, chance, goals, departures)
     expected_return, entered, n_steps = _occupancy(world, task, chance, goals, departures, in_the_air)
-    low = np.nan_to_num(world.low_probability(task.threshold_db))
+    low = world.outage_probability(task.threshold_db)
     return Summary(
         n_flights=float(len(starts)),
         arrivals=arrivals,
@@ -87,11 +87,12 @@ def _arrivals(
 ) -> tuple[NDArray[np.float64], int]:
     """Arrivals `[steps, shortest]`, and the number of steps after which nobody is in the air any more.
 
-    f_t(s) = sum_a pi(a|s) f_{t-1}(s'), where f_0 is 1 at the goal and 0 elsewhere, and f_t(goal) = 0 for t > 0.
+    f_t(s) = sum_a pi(a|s) f_{t-1}(s'), where f_0 is 1 at the goal and 0 elsewhere, and f_t = 0 for t > 0 where flights end.
+    Who has ended elsewhere counts as in the air here, for ever.
     """
     at_goal = (goals, np.arange(len(goals)))
     width = longest_shortest_path(world, task) + 1
-    shortest = np.where(departures > 0, np.minimum(world.shortest_steps(goals), width - 1), 0).astype(np.intp)
+    shortest = np.where(departures > 0, np.minimum(world.airspace.shortest_steps(goals), width - 1), 0).astype(np.intp)
     arrivals = np.zeros((task.max_steps + 1, width))
     hit = np.zeros_like(departures)
     hit[at_goal] = 1.0
@@ -99,8 +100,9 @@ def _arrivals(
     for t in range(1, task.max_steps + 1):
         new = np.zeros_like(hit)
         for action, pi in enumerate(chance):
-            new += pi * hit[world.next_cell[:, action]]
+            new += pi * hit[world.airspace.next_cell[:, action]]
         new[at_goal] = 0.0
+        new[world.airspace.blocked] = 0.0
         hit = new
         arrivals[t] = np.bincount(shortest.ravel(), (hit * departures).ravel(), minlength=width)
         flying -= hit * departures
@@ -119,7 +121,7 @@ def _occupancy(
 ) -> tuple[float, NDArray[np.float64], float]:
     """Expected return over all flights, how often each cell is entered `[n_cells]`, and all steps flown.
 
-    Moves m_{t+1}(s') = sum over (s, a) that lead to s' of m_t(s) pi(a|s); mass at the goal leaves.
+    Moves m_{t+1}(s') = sum over (s, a) that lead to s' of m_t(s) pi(a|s); mass where flights end leaves.
     """
     at_goal = (goals, np.arange(len(goals)))
     time_in_cell = np.zeros_like(departures)
@@ -128,11 +130,11 @@ def _occupancy(
         time_in_cell += flying
         flying = _push(world, chance, flying)
         flying[at_goal] = 0.0
-    low = np.nan_to_num(world.low_probability(task.threshold_db))
+        flying[world.airspace.blocked] = 0.0
     cell = np.arange(world.grid.n_cells)[:, None]
     total = 0.0
     for action, pi in enumerate(chance):
-        reward, _ = task.expected_outcome(world, cell, action, goals[None, :], low)
+        reward = task.expected_outcome(world, cell, action, goals[None, :]).reward
         total += float((time_in_cell * pi * reward).sum())
     entered = _push(world, chance, time_in_cell).sum(1)
     return total, entered, float(time_in_cell.sum())
@@ -147,7 +149,7 @@ def _push(world: World, chance: list[NDArray[np.float64]], mass: NDArray[np.floa
     pushed = np.zeros_like(mass)
     here = np.arange(len(mass))
     for action, pi in enumerate(chance):
-        target = world.next_cell[:, action]
+        target = world.airspace.next_cell[:, action]
         stays = target == here
         flow = pi * mass
         pushed[target[~stays]] += flow[~stays]

@@ -65,7 +65,7 @@ def fly(
 
     With a `rule` the handovers and the time of outages are followed as well.
     """
-    if world.sinr_std_db.any():
+    if world.signal.unknown is not None:
         rows = max(1, FLIGHTS_WITH_OWN_MAP // world.grid.n_cells)
         parts = [
             _fly(rng, world, task, probabilities, goals, start[i : i + rows], goal_column[i : i + rows], rule)
@@ -88,12 +88,13 @@ def _fly(
 ) -> tuple[FlightRecords, Visits]:
     n = len(start)
     ride = None if rule is None else Ride(world, rule, start)
-    low_probability = np.nan_to_num(world.low_probability(task.threshold_db))
-    own_map = rng.standard_normal((n, world.grid.n_cells), np.float32) * world.sinr_std_db if world.sinr_std_db.any() else None
+    signal, airspace = world.signal, world.airspace
+    low_probability = world.outage_probability(task.threshold_db)
+    own_map = None if signal.unknown is None else signal.unknown.draw(rng.standard_normal((n, world.grid.n_cells), np.float32))
     certain = bool((probabilities.max(-1) == 1).all())
     choice = probabilities.argmax(-1).astype(np.int8) if certain else np.cumsum(probabilities, -1)[..., :-1]
     records = _empty_records(n)
-    records.shortest_steps[:] = world.shortest_steps(goals)[start, goal_column]
+    records.shortest_steps[:] = airspace.shortest_steps(goals)[start, goal_column]
     by_cell, histogram = np.zeros(world.grid.n_cells), np.zeros(len(SINR_LEVELS_DB) + 1)
     flight, cell, column = np.arange(n), start.astype(np.int32), goal_column
     outage = np.zeros(n, np.int32)
@@ -102,15 +103,13 @@ def _fly(
             break
         row = choice[cell, column]
         action = row if certain else (rng.random(len(flight))[:, None] >= row).sum(-1)
-        next_cell = world.next_cell[cell, action]
-        sinr_db = world.sinr_db[next_cell]
-        if own_map is not None:
-            sinr_db = sinr_db + own_map[flight, next_cell]
-        if world.noise_std_db:
-            sinr_db = sinr_db + np.float32(world.noise_std_db) * rng.standard_normal(len(flight), np.float32)
-        transition = Transition(cell, action, next_cell, sinr_db, world.stopped[cell, action])
-        reward, terminated = task.outcome(transition, goals[column])
-        expected, _ = task.expected_outcome(world, cell, action, goals[column], low_probability)
+        next_cell = airspace.next_cell[cell, action]
+        error_db = None if own_map is None else own_map[flight, next_cell]
+        noise = rng.standard_normal(len(flight), np.float32) if signal.noise_std_db else None
+        sinr_db = signal.measure(next_cell, error_db, noise)
+        transition = Transition(cell, action, next_cell, sinr_db, airspace.event[cell, action])
+        reward, reached, terminated = task.outcome(transition, goals[column])
+        expected = task.expected_outcome(world, cell, action, goals[column]).reward
         low = sinr_db < task.threshold_db
         records.n_steps[flight] += 1
         records.drawn_return[flight] += reward
@@ -121,9 +120,10 @@ def _fly(
         records.longest_outage_steps[flight] = np.maximum(records.longest_outage_steps[flight], outage[flight])
         if ride is not None:
             ride.step(flight, cell, next_cell, low)
-        records.reached[flight[terminated]] = True
+        records.reached[flight[reached]] = True
         by_cell += np.bincount(next_cell, minlength=by_cell.size)
-        histogram += np.bincount(np.searchsorted(SINR_LEVELS_DB, sinr_db, side="right"), minlength=histogram.size)
+        known_db = sinr_db[~np.isnan(sinr_db)]  # a flight may end in a blocked cell of unknown SINR
+        histogram += np.bincount(np.searchsorted(SINR_LEVELS_DB, known_db, side="right"), minlength=histogram.size)
         going = ~terminated
         flight, cell, column = flight[going], next_cell[going], column[going]
     return records, Visits(by_cell, histogram, Mobility() if ride is None else ride.mobility)

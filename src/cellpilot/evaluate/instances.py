@@ -19,19 +19,19 @@ class Instances:
 
 def count_pairs(world: World, start: Position | None = None, goal: Position | None = None) -> tuple[int, int]:
     """Number of start-goal pairs (different, connected), and of those cut apart by blocked cells."""
-    starts, goals = world.start_goal_cells(start, goal)
+    starts, goals = world.airspace.start_goal_cells(start, goal)
     both = np.intersect1d(starts, goals).size
-    parts = int(world.part.max()) + 1
-    here, there = (np.bincount(world.part[cells], minlength=parts).astype(np.int64) for cells in (starts, goals))
+    parts = int(world.airspace.part.max()) + 1
+    here, there = (np.bincount(world.airspace.part[cells], minlength=parts).astype(np.int64) for cells in (starts, goals))
     connected = int((here * there).sum())
     return connected - both, len(starts) * len(goals) - connected
 
 
 def all_pairs(world: World, goals: IntArray, start: Position | None = None) -> tuple[IntArray, IntArray]:
     """Every start for each of these goals, as two arrays `[flights]`."""
-    starts, _ = world.start_goal_cells(start)
+    starts, _ = world.airspace.start_goal_cells(start)
     s, g = (axis.ravel() for axis in np.meshgrid(starts, goals, indexing="ij"))
-    keep = (s != g) & (world.part[s] == world.part[g])
+    keep = (s != g) & (world.airspace.part[s] == world.airspace.part[g])
     return s[keep], g[keep]
 
 
@@ -47,7 +47,7 @@ def sample_pairs(
 
     With `n_goals` they lead to at most so many goals, drawn first in the same way.
     """
-    starts, goals = world.start_goal_cells(start, goal)
+    starts, goals = world.airspace.start_goal_cells(start, goal)
     if n_goals is not None and n_goals < len(goals):
-        goals = np.unique(world.draw_pairs(rng, n_goals, starts, goals)[1])
-    return Instances(*world.draw_pairs(rng, n, starts, goals), count_pairs(world, start, goal)[1])
+        goals = np.unique(world.airspace.draw_pairs(rng, n_goals, starts, goals)[1])
+    return Instances(*world.airspace.draw_pairs(rng, n, starts, goals), count_pairs(world, start, goal)[1])

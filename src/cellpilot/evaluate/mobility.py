@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from cellpilot.evaluate.statistics import weighted_quantile
 from cellpilot.grid import IntArray
-from cellpilot.world import UNHEARD_DBM, World
+from cellpilot.signal import UNHEARD_DBM
+from cellpilot.world import World
 
 FloatArray = NDArray[np.float64]
 NEVER = np.inf
@@ -67,10 +68,10 @@ class Ride:
         self._stay_m = min(np.diff(axis).min() for axis in (world.grid.x_m, world.grid.y_m, world.grid.z_m) if len(axis) > 1)
         self._outage_s, self._longest_s = np.zeros(n), np.zeros(n)
         self._sums = Mobility()
-        if world.levels is not None:
+        if world.signal.levels is not None:
             self._serving, self._previous, self._since_handover_s = np.empty(n, np.intp), np.empty(n, np.intp), np.empty(n)
-            self._held_s = np.empty((len(world.levels.rsrp_dbm), n))  # how long each neighbour has been stronger
-            self._connect(np.arange(n), world.levels.rsrp_dbm[:, start])
+            self._held_s = np.empty((len(world.signal.levels.rsrp_dbm), n))  # how long each neighbour has been stronger
+            self._connect(np.arange(n), world.signal.levels.rsrp_dbm[:, start])
 
     @property
     def mobility(self) -> Mobility:
@@ -86,7 +87,7 @@ class Ride:
         time_s = np.where(length_m > 0, length_m, self._stay_m) / self._rule.speed_mps
         self._outage_s[flight] = np.where(low, self._outage_s[flight] + time_s, 0.0)
         self._longest_s[flight] = np.maximum(self._longest_s[flight], self._outage_s[flight])
-        levels = self._world.levels
+        levels = self._world.signal.levels
         if levels is None:
             return
         here_dbm, here_db = levels.rsrp_dbm[:, next_cell], levels.sinr_db[:, next_cell]

@@ -32,7 +32,7 @@ class Summary:
 
 def longest_shortest_path(world: World, task: Task) -> int:
     """An upper bound of the shortest path of any flight that arrives within the cap, for the size of tables."""
-    return min(world.grid.n_cells if world.blocked.any() else sum(world.grid.sides), task.max_steps)
+    return min(world.grid.n_cells if world.airspace.blocked.any() else sum(world.grid.sides), task.max_steps)
 
 
 def summarise(records: FlightRecords, visits: Visits, world: World, task: Task, expected: bool) -> Summary:
@@ -60,11 +60,11 @@ def steps_by_height(by_cell: NDArray[np.float64], world: World) -> NDArray[np.fl
 
 def expected_sinr_histogram(by_cell: NDArray[np.float64], world: World) -> NDArray[np.float64]:
     """Expected number of measurements between the levels `[levels + 1]` when the cells are entered so often."""
-    visited = np.flatnonzero(by_cell)
-    mean_db = world.sinr_db[visited].astype(np.float64)[:, None]
-    spread_db = np.hypot(world.noise_std_db, world.sinr_std_db[visited].astype(np.float64))[:, None]
+    visited = np.flatnonzero((by_cell > 0) & ~np.isnan(world.signal.mean_db))  # a flight may end in a blocked cell
+    mean_db = world.signal.mean_db[visited].astype(np.float64)[:, None]
+    spread_db = np.hypot(world.signal.noise_std_db, world.signal.std_db[visited].astype(np.float64))[:, None]
     certain = spread_db == 0
     margin_db = SINR_LEVELS_DB[None, :] - mean_db
     below = np.where(certain, margin_db > 0, ndtr(margin_db / np.where(certain, 1.0, spread_db)))
     cumulative = by_cell[visited] @ below
-    return np.diff(np.concatenate([[0.0], cumulative, [by_cell.sum()]]))
+    return np.diff(np.concatenate([[0.0], cumulative, [by_cell[visited].sum()]]))

@@ -12,7 +12,7 @@ from cellpilot.experiment.maps import (
     make_sites,
 )
 from cellpilot.experiment.policies import make_policies, shipped_policy
-from cellpilot.experiment.tasks import fingerprint, make_task
+from cellpilot.experiment.tasks import fingerprint, make_task, make_world
 from cellpilot.experiment.warnings import divergence_warning, threshold_warning
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "make_simulated_map",
     "make_sites",
     "make_task",
+    "make_world",
     "shipped_policy",
     "threshold_warning",
 ]

@@ -12,7 +12,7 @@ def make_policies(world: World, task: Task, temperature: float, parameters: Poli
     """Baseline, optima and, where there are parameters, the learned policy twice: arg max and Boltzmann."""
     policies: list[Policy] = [GreedyPolicy(world), OptimalPolicy(world, task), OptimalPolicy.undiscounted(world, task)]
     if parameters is not None:
-        parameters.check_grid(world.grid)
+        parameters.check_airspace(world.airspace)
         policies += [LearnedPolicy(parameters, world.grid), LearnedPolicy(parameters, world.grid, temperature)]
     return policies
 

@@ -1,12 +1,17 @@
 """The task that a scenario sets on a grid, and what a training result depends on."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from cellpilot.grid import Grid
 from cellpilot.provenance import digest
-from cellpilot.scenario import RewardSettings, Scenario
+from cellpilot.scenario import AirspaceSettings, RewardSettings, Scenario
 from cellpilot.task import Task, default_max_steps
 from cellpilot.world import World
+
+if TYPE_CHECKING:
+    from cellpilot.maps import RadioMap
 
 
 def make_task(settings: RewardSettings, grid: Grid) -> Task:
@@ -16,14 +21,22 @@ def make_task(settings: RewardSettings, grid: Grid) -> Task:
         rho_sinr=settings.rho_sinr,
         rho_step=settings.rho_step,
         rho_blocked=settings.rho_blocked,
+        rho_end=settings.rho_end,
         threshold_db=settings.threshold_db,
         discount=settings.discount,
         max_steps=default_max_steps(grid) if settings.max_steps is None else settings.max_steps,
     )
 
 
+def make_world(radio_map: "RadioMap", noise_std_db: float, settings: AirspaceSettings) -> World:
+    """The world of a map, with the moves and the rule for forbidden ones that the settings ask for."""
+    return World.from_map(radio_map, noise_std_db, settings.rule, settings.moves)
+
+
 def fingerprint(scenario: Scenario, world: World) -> str:
     """Names everything a training result depends on besides the seed: map, task and learner."""
-    text = scenario.task.model_dump_json() + scenario.learner.model_dump_json()
-    arrays = [world.sinr_db, world.sinr_std_db, world.blocked, np.array(world.grid.sides), np.frombuffer(text.encode(), np.uint8)]
+    text = "".join(part.model_dump_json() for part in (scenario.task, scenario.airspace, scenario.learner))
+    signal, sides = world.signal, np.array(world.grid.sides)
+    factors = [] if signal.unknown is None else [signal.unknown.along_x, signal.unknown.along_y, signal.unknown.along_z]
+    arrays = [signal.mean_db, signal.std_db, *factors, world.airspace.reason, sides, np.frombuffer(text.encode(), np.uint8)]
     return digest(arrays)

@@ -13,7 +13,7 @@ MOST_PAIRS = 1_000_000
 
 def threshold_warning(world: World, threshold_db: float) -> str | None:
     """A sentence if more than 95 % or fewer than 1 % of the free cells lie below the threshold."""
-    share = float((world.sinr_db[world.free_cells] < threshold_db).mean())
+    share = float((world.signal.mean_db[world.airspace.free_cells] < threshold_db).mean())
     if share > 0.95:
         return f"{share:.1%} of the cells lie below {threshold_db:g} dB: hardly any route avoids them; consider a lower threshold"
     if share < 0.01:
@@ -24,14 +24,14 @@ def threshold_warning(world: World, threshold_db: float) -> str | None:
 
 def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -> str | None:
     """A sentence if the learned values, looked at for some goals, lie outside what any flight can earn."""
-    goals = world.free_cells[:: max(1, len(world.free_cells) // 50)]
+    goals = world.airspace.free_cells[:: max(1, len(world.airspace.free_cells) // 50)]
     at_once = max(1, MOST_PAIRS // world.grid.n_cells)
-    least, greatest = task.value_bounds
+    least, greatest = task.value_bounds(world.airspace.ends)
     lowest, highest = np.inf, -np.inf
     for i in range(0, len(goals), at_once):
         values = parameters.values(world.grid, goals[i : i + at_once])
         lowest, highest = min(lowest, float(values.min())), max(highest, float(values.max()))
-    usual = abs(task.rho_goal) + abs(task.rho_sinr) + abs(task.rho_step) + abs(task.rho_blocked)
+    usual = sum(abs(price.reward) for price in task.possible_prices(world.airspace.ends))
     if highest <= greatest + usual and lowest >= 2 * least - usual:  # some over-estimation is usual
         return None
     mend = "lower --learner.learning-rate" if parameters.architecture == ARCHITECTURE else "leave --learner.clip-targets on"

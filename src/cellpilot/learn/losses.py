@@ -12,13 +12,16 @@ def q_learning_target(
     q_next_target: Float[Array, "batch actions"],
     discount: float | Float[Array, " batch"],
     double: bool,
+    not_offered: Float[Array, "batch actions"] | None = None,
 ) -> Float[Array, " batch"]:
     """r + discount x Q_target(s', a'), zero after termination; a flight truncated by the cap bootstraps.
 
     `double`: a' is the best action of the online network (equation 3.24), else of the target network (3.22).
+    `not_offered` is -inf for actions that s' does not offer, else 0.
     Of two target networks `q_next_target` is the minimum, action by action (clipped double Q, Fujimoto et al. 2018).
     """
     chooser = q_next_online if double else q_next_target
+    chooser = chooser if not_offered is None else chooser + not_offered
     best = jax.nn.one_hot(chooser.argmax(-1), chooser.shape[-1])
     return reward + discount * jnp.where(terminated, 0.0, (q_next_target * best).sum(-1))
 

@@ -43,7 +43,7 @@ def init_replay(capacity: int, with_steps_left: bool = False, prioritised: bool 
     def whole() -> Array:
         return jnp.zeros(capacity, jnp.int32)
 
-    transition = Transition(whole(), whole(), whole(), jnp.zeros(capacity, jnp.float32), jnp.zeros(capacity, bool))
+    transition = Transition(whole(), whole(), whole(), jnp.zeros(capacity, jnp.float32), jnp.zeros(capacity, jnp.uint8))
     experiences = Experience(transition, whole(), whole() if with_steps_left else None)
     priority = jnp.zeros(capacity, jnp.float32) if prioritised else None
     return Replay(experiences, jnp.int32(0), jnp.int32(0), priority)

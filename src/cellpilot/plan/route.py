@@ -14,12 +14,15 @@ from cellpilot.policies import Policy, greedy_actions
 from cellpilot.task import Task
 from cellpilot.world import World
 
-REACHED, LOOPS, TIME_LIMIT = "reached", "loops", "time limit"
+REACHED, LOOPS, TIME_LIMIT, FORBIDDEN = "reached", "loops", "time limit", "enters a blocked cell"
 
 
 @dataclass(frozen=True)
 class Route:
-    """Cells from start to end. `status`: reached, loops (came back to a cell, so it would circle for ever), time limit."""
+    """Cells from start to end.
+
+    `status`: reached, loops (came back to a cell, so it would circle for ever), time limit, or enters a blocked cell.
+    """
 
     policy: str
     status: str
@@ -42,31 +45,32 @@ def plan_route(world: World, task: Task, policy: Policy, start: Position, goal: 
 
     `InputError` for cells off the grid, blocked, equal or cut apart.
     """
-    starts, goals = world.start_goal_cells(start, goal)
-    low = np.nan_to_num(world.low_probability(task.threshold_db), nan=1.0)
+    airspace = world.airspace
+    starts, goals = airspace.start_goal_cells(start, goal)
+    low = world.outage_probability(task.threshold_db)
     actions = greedy_actions(policy.action_probabilities(goals))[:, 0]
     cells, seen, total, status = [int(starts[0])], {int(starts[0])}, 0.0, TIME_LIMIT
     while len(cells) <= task.max_steps:
         action = int(actions[cells[-1]])
-        reward, terminated = task.expected_outcome(world, cells[-1], action, goals[0], low)
+        reward, reached, terminated = task.expected_outcome(world, cells[-1], action, goals[0])
         total += float(reward)
-        cells.append(int(world.next_cell[cells[-1], action]))
+        cells.append(int(airspace.next_cell[cells[-1], action]))
         if terminated:
-            status = REACHED
+            status = REACHED if reached else FORBIDDEN
             break
         if cells[-1] in seen:
             status = LOOPS
             break
         seen.add(cells[-1])
     metres = world.grid.metres(cells)
-    sinr = world.sinr_db[cells]
+    sinr = world.signal.mean_db[cells]
     return Route(
         policy=policy.name,
         status=status,
         cells=np.asarray(cells, np.int32),
         sinr_db=tuple(float(v) if np.isfinite(v) else None for v in sinr),
         low_probability=tuple(float(p) for p in low[cells]),
-        shortest_steps=int(world.shortest_steps(goals)[starts[0], 0]),
+        shortest_steps=int(airspace.shortest_steps(goals)[starts[0], 0]),
         length_m=float(np.linalg.norm(np.diff(metres, axis=0), axis=1).sum()),
         expected_return=total,
         expected_low_share=float(low[cells[1:]].mean()),

@@ -1,10 +1,11 @@
 """Whether the tensors of a policy file are those that its grid and architecture imply, before one flies with them."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
+from cellpilot.airspace import MOVE_SETS, Rule
 from cellpilot.errors import InputError
 from cellpilot.policies import pair_value
 from cellpilot.task import Task
@@ -28,15 +29,30 @@ def check_pair_task(about: Mapping[str, Any], sides: Sides) -> None:
     task, look_ahead = about["task"], about["look_ahead"]
     if not all(isinstance(value, int | float) and np.isfinite(value) for value in task.values()):
         raise ValueError(f"task is {task!r:.80}; expected finite numbers")
+    if unknown := task.keys() - Task().as_dict().keys():
+        raise ValueError(f"task has {sorted(unknown)[0]!r:.40}, which is no number of a task")
     Task(**task)
     most = 10 * sum(sides)
     if type(look_ahead) is not int or not 1 <= look_ahead <= most:
         raise ValueError(f"look_ahead is {look_ahead!r:.40}; expected a whole number from 1 to {most}")
 
 
-def check_tensors(tensors: Mapping[str, np.ndarray], architecture: str, sides: Sides) -> None:
+def check_moves(about: Mapping[str, Any]) -> None:
+    """`ValueError` unless the description names moves and a rule for forbidden ones that there are, or none."""
+    if (n_moves := about.get("n_moves", 4)) not in MOVE_SETS:
+        raise ValueError(f"n_moves is {n_moves!r:.40}; expected one of {', '.join(map(str, MOVE_SETS))}")
+    if (rule := about.get("rule", "stay")) not in get_args(Rule):
+        raise ValueError(f"rule is {rule!r:.40}; expected one of {', '.join(get_args(Rule))}")
+
+
+def check_tensors(tensors: Mapping[str, np.ndarray], architecture: str, sides: Sides, about: Mapping[str, Any]) -> None:
     """`InputError` naming the first tensor that is missing, not needed, of another type or shape, or not finite."""
-    expected = _pair_shapes(tensors, sides) if architecture == pair_value.ARCHITECTURE else _layers(tensors, architecture, sides)
+    if architecture == pair_value.ARCHITECTURE:
+        expected = _pair_shapes(tensors, sides)
+    else:
+        n_actions = about.get("n_moves", 6 if sides[2] > 1 else 4)
+        expected = _layers({name: t for name, t in tensors.items() if name != "blocked"}, architecture, sides, n_actions)
+        expected |= {"blocked": (sides[0] * sides[1] * sides[2],)} if "rule" in about else {}
     for name in expected.keys() - tensors.keys():
         raise InputError(f"the tensor {name} is missing")
     sizes: dict[str, int] = {}
@@ -74,10 +90,9 @@ def _pair_shapes(tensors: Mapping[str, np.ndarray], sides: Sides) -> dict[str, S
     return shapes | ({"penalty": (n_cells,)} if "penalty" in tensors else {})
 
 
-def _layers(tensors: Mapping[str, np.ndarray], architecture: str, sides: Sides) -> dict[str, Shape]:
+def _layers(tensors: Mapping[str, np.ndarray], architecture: str, sides: Sides, n_actions: int) -> dict[str, Shape]:
     """Names and shapes of the perceptrons of an architecture, as deep as the file has them."""
     n_dimensions = 3 if sides[2] > 1 else 2
-    n_actions = 2 * n_dimensions
     if architecture == "two-stream":
         width = tensors[f"psi.layers.{_depth(tensors, 'psi') - 1}.bias"].size
         parts: dict[str, tuple[int | str, int | str]] = {

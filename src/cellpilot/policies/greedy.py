@@ -5,12 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellpilot.grid import MOVES, IntArray
+from cellpilot.airspace import MOVED, Moves
+from cellpilot.grid import IntArray
 from cellpilot.policies.base import one_hot
 from cellpilot.world import World
-
-AXES_FIRST = np.array([2, 3, 0, 1, 4, 5])
-"""Actions in the order in which equally long remaining axes are served: x before y before z (see deviations)."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +24,19 @@ class GreedyPolicy:
 
     def action_probabilities(self, goals: IntArray) -> NDArray[np.float32]:
         """One-hot rows `[n_cells, goals, actions]`."""
-        grid = self.world.grid
-        steps = self.world.shortest_steps(goals)
+        grid, airspace = self.world.grid, self.world.airspace
+        steps = airspace.shortest_steps(goals)
         here = grid.position(np.arange(grid.n_cells))
         remaining = grid.position(goals)[None, :, :] - here[:, None, :]
-        progress = remaining @ MOVES[: grid.n_actions].T
-        shorter = steps[self.world.next_cell].transpose(0, 2, 1) < steps[..., None]
-        order = AXES_FIRST[: grid.n_actions]
+        progress = remaining @ airspace.moves.array.T
+        shorter = steps[airspace.next_cell].transpose(0, 2, 1) < steps[..., None]
+        shorter &= (airspace.event == MOVED)[:, None, :]
+        order = _ties(airspace.moves)
         best = np.where(shorter, progress, -np.inf)[..., order].argmax(-1)
-        return one_hot(order[best].astype(np.int8), grid.n_actions)
+        return one_hot(order[best].astype(np.int8), airspace.n_actions)
+
+
+def _ties(moves: Moves) -> IntArray:
+    """Actions in the order in which equal ones are taken: along x before y before z (see deviations), diagonals last."""
+    changed = moves.array != 0
+    return np.lexsort((changed.argmax(1), changed.sum(1)))

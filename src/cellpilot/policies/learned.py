@@ -1,17 +1,18 @@
 """A trained policy, flown on NumPy alone: `policy.safetensors`, tensors and a JSON description in its header."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.airspace import MOVE_SETS, Airspace, usual_moves
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid, IntArray
 from cellpilot.policies import pair_value
 from cellpilot.policies.base import greedy_actions, one_hot
-from cellpilot.policies.check import check_pair_task, check_sides, check_tensors
+from cellpilot.policies.check import check_moves, check_pair_task, check_sides, check_tensors
 from cellpilot.storage import load_tensors, save_tensors
 from cellpilot.task import Task
 
@@ -39,6 +40,32 @@ class PolicyParameters:
     about: dict[str, Any] = field(default_factory=dict)  # scenario, map digest, task, seed
     checked: bool = True  # False for one that was read from a file without a checksum
 
+    def check_airspace(self, airspace: Airspace) -> None:
+        """`InputError` if the policy was trained on a grid of another shape, for other moves or under another rule."""
+        self.check_grid(airspace.grid)
+        here, there = self.airspace(airspace.grid), airspace
+        if here.n_actions != there.n_actions:
+            raise InputError(f"the policy was trained with {here.n_actions} moves, not {there.n_actions}: train with these")
+        if here.rule != there.rule and there.blocked.any():
+            rules = f"under the rule {here.rule!r} for forbidden moves, not {there.rule!r}"
+            raise InputError(f"the policy was trained {rules}: train under this one")
+
+    def airspace(self, grid: Grid) -> Airspace:
+        """Where the policy takes it that one may fly, on a grid of its shape."""
+        blocked = self.tensors.get("blocked", np.zeros(grid.n_cells, bool)).astype(bool)
+        n_moves = self.about.get("n_moves")
+        return Airspace.of_blocked(grid, blocked, self.about.get("rule", "stay"), None if n_moves is None else MOVE_SETS[n_moves])
+
+    def trained_in(self, airspace: Airspace) -> "PolicyParameters":
+        """The same policy, with the moves and the rule that it was trained for where they are not the usual ones."""
+        about, tensors = dict(self.about), dict[str, Any](self.tensors)
+        if airspace.moves != usual_moves(airspace.grid):
+            about["n_moves"] = airspace.n_actions
+        if airspace.rule != "stay":
+            about["rule"] = airspace.rule
+            tensors["blocked"] = airspace.blocked
+        return replace(self, about=about, tensors=tensors)
+
     def check_grid(self, grid: Grid) -> None:
         """`InputError` if the policy was trained on a grid of another shape."""
         if grid.sides != self.sides:
@@ -46,14 +73,26 @@ class PolicyParameters:
             raise InputError(f"the policy was trained on {trained} cells, the map has {found}: train on this map")
 
     def values(self, grid: Grid, goals: IntArray) -> Array32:
-        """Q(cell, goal, action) `[n_cells, goals, actions]` in float32; `InputError` on a grid of another shape."""
+        """Q(cell, goal, action) `[n_cells, goals, actions]` in float32, -inf for an action that is not offered.
+
+        `InputError` on a grid of another shape.
+        """
         self.check_grid(grid)
+        airspace = self.airspace(grid)
+        values = self._values(airspace, goals)
+        if airspace.rule == "mask":
+            values = np.where(airspace.offered[:, None, :], values, np.float32(-np.inf))
+        return values
+
+    def _values(self, airspace: Airspace, goals: IntArray) -> Array32:
+        grid = airspace.grid
         at_once = max(1, MOST_VALUES // (grid.n_cells * self._width))
         if len(goals) > at_once:
             blocks = [goals[i : i + at_once] for i in range(0, len(goals), at_once)]
-            return np.concatenate([self.values(grid, block) for block in blocks], axis=1)
+            return np.concatenate([self._values(airspace, block) for block in blocks], axis=1)
         if self.architecture == pair_value.ARCHITECTURE:
-            return pair_value.pair_action_values(self.tensors, grid, Task(**self.about["task"]), goals, self.about["look_ahead"])
+            task = Task(**self.about["task"])
+            return pair_value.pair_action_values(self.tensors, airspace, task, goals, self.about["look_ahead"])
         n_dimensions = grid.n_dimensions
         position = grid.position(np.arange(grid.n_cells))[:, :n_dimensions]
         coordinates = ((position + 1) / np.asarray(grid.sides[:n_dimensions])).astype(np.float32)
@@ -109,8 +148,9 @@ class LearnedPolicy:
         """Probabilities `[n_cells, goals, actions]`."""
         values = self.parameters.values(self.grid, goals)
         if self.temperature is None:
-            return one_hot(greedy_actions(values, tolerance=0.0), self.grid.n_actions)
-        weights = np.exp((values - values.max(-1, keepdims=True)) / np.float32(self.temperature))
+            return one_hot(greedy_actions(values, tolerance=0.0), values.shape[-1])
+        best = np.maximum(values.max(-1, keepdims=True), np.finfo(np.float32).min)  # finite where no action is offered
+        weights = np.exp((values - best) / np.float32(self.temperature))
         return weights / weights.sum(-1, keepdims=True)
 
 
@@ -130,12 +170,13 @@ def load_parameters(path: Path) -> PolicyParameters:
         expected = TENSORS[architecture]
         if architecture == pair_value.ARCHITECTURE:
             check_pair_task(about, sides)
+        check_moves(about)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: the description of the policy is damaged ({error!r:.120}); {remedy}") from error
     if not expected <= tensors.keys():
         raise InputError(f"{path}: tensors {sorted(expected - tensors.keys())} are missing; {remedy}")
     try:
-        check_tensors(tensors, architecture, sides)
+        check_tensors(tensors, architecture, sides, about)
     except KeyError as error:
         raise InputError(f"{path}: the tensor {error.args[0]} is missing; {remedy}") from None
     except InputError as error:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellpilot.errors import InputError
-from cellpilot.grid import ACTIONS, Grid
+from cellpilot.grid import Grid
 from cellpilot.policies import pair_value
 from cellpilot.policies.learned import FORMAT, PolicyParameters
 from cellpilot.provenance import versions
@@ -39,10 +39,13 @@ def make_onnx(parameters: PolicyParameters) -> Any:
 
     graph = _Graph()
     position, goal = graph.value("position"), graph.value("goal")
+    airspace = parameters.airspace(Grid(*(tuple(map(float, range(n))) for n in parameters.sides)))  # metres do not matter
     values = BUILDERS[parameters.architecture](graph, parameters, position, goal)
+    if airspace.rule == "mask":
+        offered = graph.op("Gather", np.where(airspace.offered, 0.0, -np.inf), _cell(graph, parameters, position))
+        values = values + offered
     graph.name_output(values, "action_values")
     graph.name_output(graph.op("ArgMax", values, axis=-1, keepdims=0), "action")
-    n_actions = 6 if parameters.sides[2] > 1 else 4
     describe = onnx.helper.make_tensor_value_info
     integer, real = onnx.TensorProto.INT64, onnx.TensorProto.FLOAT
     model = onnx.helper.make_model(
@@ -50,7 +53,7 @@ def make_onnx(parameters: PolicyParameters) -> Any:
             graph.nodes,
             "policy",
             [describe(name, integer, ["batch", 3]) for name in ("position", "goal")],
-            [describe("action_values", real, ["batch", n_actions]), describe("action", integer, ["batch"])],
+            [describe("action_values", real, ["batch", airspace.n_actions]), describe("action", integer, ["batch"])],
             graph.constants,
         ),
         opset_imports=[onnx.helper.make_opsetid("", OPSET)],
@@ -64,7 +67,7 @@ def make_onnx(parameters: PolicyParameters) -> Any:
             "format": FORMAT,
             "architecture": parameters.architecture,
             "grid_sides": " ".join(map(str, parameters.sides)),
-            "actions": " ".join(ACTIONS[:n_actions]),
+            "actions": " ".join(airspace.moves.names),
             "about": json.dumps(parameters.about),
         },
     )
@@ -188,42 +191,43 @@ def _layers(parameters: PolicyParameters, name: str) -> list[tuple[Any, Any]]:
 
 def _pair_value(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
     """`pair_value.pair_action_values` for the pairs asked for: of the cells entered, or with look-ahead of all cells."""
-    task, sides, tensors = Task(**parameters.about["task"]), parameters.sides, parameters.tensors
-    strides = np.array([1, sides[0], sides[0] * sides[1]])
-    cell, goal = (graph.op("ReduceSum", place * strides, [-1], keepdims=0) for place in (position, goal))
-    goal = graph.op("Unsqueeze", goal, [-1])
-    # Only the sides of the grid matter for where moves lead.
-    next_cell, stopped = Grid(*(tuple(map(float, range(n))) for n in sides)).next_cells(tensors["blocked"].astype(bool))
-    next_table = graph.constant(next_cell)
-    stopped_table = graph.constant((task.rho_blocked * stopped).astype(np.float32))
+    task, tensors = Task(**parameters.about["task"]), parameters.tensors
+    airspace = parameters.airspace(Grid(*(tuple(map(float, range(n))) for n in parameters.sides)))
+    cell, goal = _cell(graph, parameters, position), graph.op("Unsqueeze", _cell(graph, parameters, goal), [-1])
+    next_table = graph.constant(airspace.next_cell)
+    # A move that is not offered is masked where the values are complete; within, what is added has to stay finite.
+    of_move = np.maximum(pair_value.move_rewards(airspace, task), np.finfo(np.float32).min / 4)
+    move_table = graph.constant(of_move)
+    goes_on = graph.constant(np.where(airspace.blocked & airspace.ends, 0.0, 1.0))
 
     def reward_and_future(cell: _Value) -> tuple[_Value, _Value]:
-        """Reward of entering the cells, and what counts of their value: the discount, or nothing in the goal."""
+        """Reward of entering the cells, and what counts of their value: the discount, or nothing where flights end."""
         at_goal = graph.as_float(graph.op("Equal", cell, goal))
-        reward = at_goal * np.float32(task.rho_goal) + np.float32(task.rho_step)
-        if "penalty" in tensors:
-            reward = reward + graph.op("Gather", np.float32(task.rho_sinr) * tensors["penalty"], cell)
-        return reward, graph.op("Sub", np.float32(1), at_goal) * np.float32(task.discount)
+        low = graph.op("Gather", tensors["penalty"], cell) if "penalty" in tensors else 0.0
+        going = graph.op("Sub", np.float32(1), at_goal) * graph.op("Gather", goes_on, cell)
+        return task.entering_reward(cell, low, at_goal), going * np.float32(task.discount)
 
     def entering(cell: _Value, reward: _Value, future: _Value) -> _Value:
         """What the network says entering the cells is worth."""
-        correction, bound = _correction(graph, parameters, cell, goal), _bound(graph, parameters, task, cell, goal)
+        diagonal = airspace.moves.diagonal
+        correction, bound = _correction(graph, parameters, cell, goal), _bound(graph, parameters, task, cell, goal, diagonal)
         if "penalty" not in tensors:
             most = reward + bound * np.float32(task.discount)
-            return graph.op("Min", most + correction, most)
+            value = graph.op("Min", most + correction, most)
+            return reward + (value - reward) * graph.op("Gather", goes_on, cell) if airspace.ends else value
         return reward + graph.op("Min", bound + correction, bound) * future
 
     entered = graph.op("Gather", next_table, cell)
     further_moves = int(parameters.about["look_ahead"]) - 1
     if not further_moves:
-        return entering(entered, *reward_and_future(entered)) + graph.op("Gather", stopped_table, cell)
-    everywhere = graph.constant(np.arange(len(next_cell))[None, :])
+        return entering(entered, *reward_and_future(entered)) + graph.op("Gather", move_table, cell)
+    everywhere = graph.constant(np.arange(airspace.grid.n_cells)[None, :])
     reward, future = reward_and_future(everywhere)
     values = entering(everywhere, reward, future)
     for _ in range(further_moves):
-        of_moves = graph.op("Gather", values, next_table, axis=1) + stopped_table
+        of_moves = graph.op("Gather", values, next_table, axis=1) + move_table
         values = reward + graph.op("ReduceMax", of_moves, axes=[-1], keepdims=0) * future
-    return graph.op("GatherElements", values, entered, axis=1) + graph.op("Gather", stopped_table, cell)
+    return graph.op("GatherElements", values, entered, axis=1) + graph.op("Gather", move_table, cell)
 
 
 def _correction(graph: _Graph, parameters: PolicyParameters, cell: _Value, goal: _Value) -> _Value:
@@ -238,9 +242,14 @@ def _correction(graph: _Graph, parameters: PolicyParameters, cell: _Value, goal:
     return graph.op("Min", *outputs)
 
 
-def _bound(graph: _Graph, parameters: PolicyParameters, task: Task, cell: _Value, goal: _Value) -> _Value:
+def _cell(graph: _Graph, parameters: PolicyParameters, position: _Value) -> _Value:
+    nx, ny, _ = parameters.sides
+    return graph.op("ReduceSum", position * np.array([1, nx, nx * ny]), [-1], keepdims=0)
+
+
+def _bound(graph: _Graph, parameters: PolicyParameters, task: Task, cell: _Value, goal: _Value, diagonal: bool) -> _Value:
     """`pair_value.upper_bound`, looked up by the number of moves; it is linear in the penalty of the goal."""
-    moves = pair_value.distance(parameters.sides, cell, goal)
+    moves = pair_value.distance(parameters.sides, cell, goal, diagonal)
     steps = np.arange(sum(parameters.sides) + 1, dtype=np.float64)
     plain = pair_value.upper_bound(task, steps, 0.0)
     bound = graph.op("Gather", plain, moves)

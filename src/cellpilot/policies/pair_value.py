@@ -5,13 +5,15 @@ of the cell with one of the goal, and the offset from cell to goal. The network 
 turn the sum into one number, the correction to a value that is known without any radio.
 """
 
+from functools import reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.airspace import ENTERED, MOVED, Airspace
 from cellpilot.errors import InputError
-from cellpilot.grid import Grid, IntArray
+from cellpilot.grid import IntArray
 from cellpilot.task import Task
 
 ARCHITECTURE = "pair-value"
@@ -41,10 +43,15 @@ def pair_rows(sides: Sides, cell: Any, goal: Any) -> list[Any]:
     return [start + column for start, column in zip(starts, [*columns, offset], strict=True)]
 
 
-def distance(sides: Sides, cell: Any, goal: Any) -> Any:
-    """Moves between cell and goal where nothing is blocked: a lower bound of the moves where something is."""
+def distance(sides: Sides, cell: Any, goal: Any, diagonal: bool = False) -> Any:
+    """Moves between cell and goal where nothing is blocked: a lower bound of the moves where something is.
+
+    `diagonal`: a move may change several coordinates at once.
+    """
     here, there = _coordinates(sides, cell), _coordinates(sides, goal)
-    return sum(abs(a - b) for a, b in zip(here, there, strict=True))
+    away = [abs(a - b) for a, b in zip(here, there, strict=True)]
+    greater = lambda a, b: (a + b + abs(a - b)) // 2  # what NumPy, JAX and ONNX have in common
+    return reduce(greater, away) if diagonal else sum(away)
 
 
 def neighbour(sides: Sides, cell: Any, offsets: Any) -> Any:
@@ -69,30 +76,39 @@ def upper_bound(task: Task, steps: Any, goal_penalty: Any) -> Any:
 
 
 def pair_action_values(
-    tensors: dict[str, NDArray[Any]], grid: Grid, task: Task, goals: IntArray, look_ahead: int = 1
+    tensors: dict[str, NDArray[Any]], airspace: Airspace, task: Task, goals: IntArray, look_ahead: int = 1
 ) -> NDArray[np.float32]:
     """Q(cell, goal, action) `[n_cells, goals, actions]` in float32: the reward of the move and the value of where it leads.
 
     With a penalty model the reward is the learned one, and the value of where it leads is that of the best `look_ahead - 1`
     further moves and of the network behind them; without, the network has learned the value of *entering* a cell.
     """
-    if tensors["table"].shape[-2] != n_rows(grid.sides) or tensors["blocked"].shape != (grid.n_cells,):
+    grid = airspace.grid
+    if tensors["table"].shape[-2] != n_rows(grid.sides):
         raise InputError(f"the policy's tensors do not fit a grid of {grid.sides} cells; train again or restore it")
-    next_cell, stopped = grid.next_cells(tensors["blocked"].astype(bool))
-    values = np.empty((grid.n_cells, len(goals), grid.n_actions), np.float32)
+    next_cell, of_move = airspace.next_cell, move_rewards(airspace, task)
+    values = np.empty((grid.n_cells, len(goals), airspace.n_actions), np.float32)
     at_once = max(1, min(GOALS_AT_ONCE, MOST_PAIRS // grid.n_cells))
     for i in range(0, len(goals), at_once):
         block = np.asarray(goals[i : i + at_once])
-        entering = _entering_values(tensors, grid, task, block)
-        at_goal = np.arange(grid.n_cells)[:, None] == block[None, :]
+        entering = _entering_values(tensors, airspace, task, block)
+        reward, over = _entering_reward(tensors, airspace, task, block)
         for _ in range(look_ahead - 1):
-            best = (entering[next_cell] + np.float32(task.rho_blocked) * stopped[..., None]).max(1)
-            entering = (_reward(tensors, task, at_goal) + np.float32(task.discount) * best * ~at_goal).astype(np.float32)
+            best = (entering[next_cell] + of_move[..., None]).max(1)
+            entering = (reward + np.float32(task.discount) * np.where(over, 0, best)).astype(np.float32)
         values[:, i : i + at_once] = entering[next_cell].transpose(0, 2, 1)
-    return values + np.float32(task.rho_blocked) * stopped[:, None, :].astype(np.float32)
+    return values + of_move[:, None, :]
 
 
-def _entering_values(tensors: dict[str, NDArray[Any]], grid: Grid, task: Task, goals: IntArray) -> NDArray[np.float32]:
+def move_rewards(airspace: Airspace, task: Task) -> NDArray[np.float32]:
+    """The part of the reward that the move decides, `[n_cells, actions]`; -inf for a move that is not offered."""
+    cell, action = np.arange(airspace.grid.n_cells)[:, None], np.arange(airspace.n_actions)[None, :]
+    reward = task.move_reward(cell, action, airspace.next_cell, airspace.event)
+    return np.where(airspace.offered, reward, -np.inf).astype(np.float32)
+
+
+def _entering_values(tensors: dict[str, NDArray[Any]], airspace: Airspace, task: Task, goals: IntArray) -> NDArray[np.float32]:
+    grid = airspace.grid
     cell, goal = np.arange(grid.n_cells)[:, None], goals[None, :]
     rows = pair_rows(grid.sides, cell, goal)
     hidden = tensors["table"][..., rows[0], :]
@@ -102,22 +118,25 @@ def _entering_values(tensors: dict[str, NDArray[Any]], grid: Grid, task: Task, g
     weight, bias, output = (tensors[name][:, None] for name in ("weight", "bias", "output"))  # [networks, 1, ...]
     hidden = np.maximum(hidden @ weight + bias[:, None], 0)
     correction = (hidden @ output[..., None])[..., 0].min(0)  # of several networks the least value counts
-    at_goal = cell == goal
-    steps = distance(grid.sides, cell, goal).astype(np.float32)
+    steps = distance(grid.sides, cell, goal, airspace.moves.diagonal).astype(np.float32)
     penalty = tensors.get("penalty")
     bound = upper_bound(task, steps, 0.0 if penalty is None else penalty[goals][None, :])
-    reward = _reward(tensors, task, at_goal)
+    reward, over = _entering_reward(tensors, airspace, task, goals)
     if penalty is None:
         most = reward + task.discount * bound
-        return np.minimum(most + correction, most).astype(np.float32)
-    value = np.minimum(bound + correction, bound) * ~at_goal
+        return np.where(airspace.blocked[:, None] & airspace.ends, reward, np.minimum(most + correction, most)).astype(np.float32)
+    value = np.where(over, 0, np.minimum(bound + correction, bound))
     return (reward + task.discount * value).astype(np.float32)
 
 
-def _reward(tensors: dict[str, NDArray[Any]], task: Task, at_goal: NDArray[np.bool_]) -> NDArray[Any]:
-    """Reward of entering each cell, the learned penalty included where there is one."""
-    reward = task.rho_step + task.rho_goal * at_goal
-    return reward + task.rho_sinr * tensors["penalty"][:, None] if "penalty" in tensors else reward
+def _entering_reward(
+    tensors: dict[str, NDArray[Any]], airspace: Airspace, task: Task, goals: IntArray
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Reward of entering each cell, with the learned penalty where there is one, and whether the flight is over then."""
+    cell, goal = np.arange(airspace.grid.n_cells)[:, None], goals[None, :]
+    entered = np.where(airspace.blocked & airspace.ends, ENTERED, MOVED)[:, None]
+    reached, over = task.end(cell, entered, goal)
+    return task.entering_reward(cell, tensors["penalty"][:, None] if "penalty" in tensors else 0.0, reached), over
 
 
 def _coordinates(sides: Sides, cell: Any) -> tuple[Any, Any, Any]:

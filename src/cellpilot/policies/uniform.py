@@ -11,13 +11,14 @@ from cellpilot.world import World
 
 @dataclass(frozen=True)
 class RandomPolicy:
-    """Uniform over the actions."""
+    """Uniform over the actions that are offered."""
 
     world: World
     name: str = "random"
     deterministic: bool = False
 
     def action_probabilities(self, goals: IntArray) -> NDArray[np.float32]:
-        """Constant rows `[n_cells, goals, actions]`."""
-        grid = self.world.grid
-        return np.full((grid.n_cells, len(goals), grid.n_actions), 1.0 / grid.n_actions, dtype=np.float32)
+        """Rows `[n_cells, goals, actions]`, the same for every goal; over all actions in a cell that offers none."""
+        offered = self.world.airspace.offered
+        offered = (offered | ~offered.any(1, keepdims=True)).astype(np.float32)
+        return np.repeat((offered / offered.sum(1, keepdims=True))[:, None, :], len(goals), axis=1)

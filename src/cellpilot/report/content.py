@@ -13,6 +13,7 @@ from cellpilot.maps import RadioMap, load_map
 from cellpilot.policies import LearnedPolicy, OptimalPolicy, PolicyParameters, load_parameters
 from cellpilot.report.checks import check_metrics, check_variables
 from cellpilot.runs import RunFacts, map_digest, policy_digest, read_facts
+from cellpilot.scenario import AirspaceSettings
 from cellpilot.storage import load_netcdf, parse_json
 from cellpilot.task import Task
 from cellpilot.world import World
@@ -66,6 +67,7 @@ def load_content(folder: Path) -> Content:
     try:
         metrics, task = json.loads(flights.attrs["metrics"]), Task(**json.loads(flights.attrs["task"]))
         noise_std_db = float(flights.attrs["noise_std_db"])
+        airspace = AirspaceSettings(**json.loads(flights.attrs.get("airspace", "{}")))
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{folder / 'eval.nc'}: attribute missing or unreadable ({error}); evaluate the run again") from error
     check_variables(flights, "eval", str(folder / "eval.nc"))
@@ -76,7 +78,7 @@ def load_content(folder: Path) -> Content:
     _check_origin(folder, flights, radio_map, parameters)
     return Content(
         radio_map=radio_map,
-        world=World.from_map(radio_map, noise_std_db),
+        world=World.from_map(radio_map, noise_std_db, airspace.rule, airspace.moves),
         task=task,
         metrics=metrics,
         flights=flights,

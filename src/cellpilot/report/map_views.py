@@ -95,7 +95,7 @@ def _check_known(radio_map: RadioMap) -> None:
 
 
 def _probability(radio_map: RadioMap, threshold_db: float, noise_std_db: float) -> View:
-    chance = World.from_map(radio_map, noise_std_db).low_probability(threshold_db).reshape(radio_map["sinr_db"].shape)
+    chance = World.from_map(radio_map, noise_std_db).outage_probability(threshold_db).reshape(radio_map["sinr_db"].shape)
     return View(chance, CHANCE_COLOURS, 0.0, 1.0, f"P(SINR < {threshold_db:g} dB) in one step [1]")
 
 

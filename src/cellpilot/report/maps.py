@@ -153,12 +153,11 @@ def mark_on_bar(bar: Colorbar, level: float) -> None:
 def low_probability_maps(world: World, threshold_db: float) -> dict[str, NDArray[np.float64]]:
     """Chance of a measurement below the threshold `[z, y, x]`, without and with noise (once where there is none)."""
     kinds = {"without noise": 0.0}
-    if world.noise_std_db > 0:
-        kinds[f"with noise of {world.noise_std_db:g} dB"] = world.noise_std_db
-    return {
-        name: np.asarray(by_height(world.grid, replace(world, noise_std_db=std_db).low_probability(threshold_db)), dtype=float)
-        for name, std_db in kinds.items()
-    }
+    signal = world.signal
+    if signal.noise_std_db > 0:
+        kinds[f"with noise of {signal.noise_std_db:g} dB"] = signal.noise_std_db
+    chances = {name: replace(signal, noise_std_db=std_db).outage_probability(threshold_db) for name, std_db in kinds.items()}
+    return {name: np.asarray(by_height(world.grid, chance), dtype=float) for name, chance in chances.items()}
 
 
 def draw_low_probability(run: Content) -> Figure:

@@ -10,9 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from cellpilot.grid import MOVES
 from cellpilot.policies import LearnedPolicy
-from cellpilot.policies.optimal import optimal_values
 from cellpilot.report.content import Content
 from cellpilot.report.plane import (
     draw_cells,
@@ -23,6 +21,7 @@ from cellpilot.report.plane import (
     special_handles,
 )
 from cellpilot.report.style import GREEN, SINR_COLOURS, legend_below
+from cellpilot.solve import optimal_values
 from cellpilot.world import World
 
 SHADE = LinearSegmentedColormap.from_list("shade", ["1.0", "0.62"])
@@ -30,8 +29,6 @@ SHADE = LinearSegmentedColormap.from_list("shade", ["1.0", "0.62"])
 
 ARROWS_PER_SIDE = 24
 """More cells than this along a side, and only every second, third, ... is given an arrow."""
-
-UP, DOWN = 4, 5
 
 
 def chosen_goals(world: World, threshold_db: float) -> tuple[int, int]:
@@ -41,22 +38,23 @@ def chosen_goals(world: World, threshold_db: float) -> tuple[int, int]:
     (lowest) chance of low SINR; then with the highest (lowest) mean chance around it; then of the lowest (highest)
     mean SINR; then the lowest number.
     """
-    candidates = world.free_cells
-    part = world.part[candidates]
+    candidates = world.airspace.free_cells
+    part = world.airspace.part[candidates]
     candidates = candidates[part == np.bincount(part).argmax()]
-    ways = (world.next_cell[:, :UP] != np.arange(world.grid.n_cells)[:, None])[candidates].sum(-1)
+    level = world.airspace.moves.array[:, 2] == 0
+    ways = (world.airspace.next_cell[:, level] != np.arange(world.grid.n_cells)[:, None])[candidates].sum(-1)
     candidates = candidates[ways == ways.max()]
-    chance = np.nan_to_num(world.low_probability(threshold_db)).round(9)
-    around = chance[world.next_cell[candidates]].mean(-1).round(9)
+    chance = world.outage_probability(threshold_db).round(9)
+    around = chance[world.airspace.next_cell[candidates]].mean(-1).round(9)
     # lexsort orders by its last key first.
-    order = np.lexsort((candidates, world.sinr_db[candidates], -around, -chance[candidates]))
-    reverse = np.lexsort((candidates, -world.sinr_db[candidates], around, chance[candidates]))
+    order = np.lexsort((candidates, world.signal.mean_db[candidates], -around, -chance[candidates]))
+    reverse = np.lexsort((candidates, -world.signal.mean_db[candidates], around, chance[candidates]))
     return int(candidates[order[0]]), int(candidates[reverse[0]])
 
 
 def meaningful_cells(world: World, goal: int) -> NDArray[np.bool_]:
     """Cells `[n_cells]` where an action towards the goal means something: free, connected to it, not the goal itself."""
-    meaningful = (world.part == world.part[goal]) & ~world.blocked
+    meaningful = (world.airspace.part == world.airspace.part[goal]) & ~world.airspace.blocked
     meaningful[goal] = False
     return meaningful
 
@@ -88,7 +86,7 @@ def _draw_goal(run: Content, goal: int) -> Figure:
     actions, values = actions_and_values(run, goal)
     iz = int(grid.position(goal)[2])
     plane = (len(grid.z_m), *grid.sides[1::-1])
-    chance = world.low_probability(run.task.threshold_db).reshape(plane)[iz]
+    chance = world.outage_probability(run.task.threshold_db).reshape(plane)[iz]
     action, value = actions.reshape(plane)[iz], values.reshape(plane)[iz]
     figure, (left, right) = plane_panels(grid, 2, columns=2, extra_in=1.75)
 
@@ -129,8 +127,10 @@ def draw_moves(axes: Axes, run: Content, action: NDArray[np.int64], stride: int)
     shown[stride // 2 :: stride, stride // 2 :: stride] = True
     steps_m = np.abs(np.diff(grid.x_m if len(grid.x_m) > 1 else grid.y_m))
     length_m = 0.75 * stride * float(steps_m[0] if steps_m.size else 1.0)
-    level = shown & (action >= 0) & (action < UP)
-    direction = MOVES[action[level]][:, :2] * length_m
+    step = run.world.airspace.moves.array[action]
+    climb = np.where(shown & (action >= 0), step[..., 2], 0)
+    level = shown & (action >= 0) & (climb == 0)
+    direction = step[level][:, :2] * length_m
     axes.quiver(
         x_m[level],
         y_m[level],
@@ -147,8 +147,8 @@ def draw_moves(axes: Axes, run: Content, action: NDArray[np.int64], stride: int)
         zorder=3,
     )
     handles = []
-    for number, marker, face, label in ((UP, "^", "white", "up"), (DOWN, "v", "black", "down")):
-        here = shown & (action == number)
+    for number, marker, face, label in ((1, "^", "white", "up"), (-1, "v", "black", "down")):
+        here = climb == number
         if here.any():
             look: dict[str, Any] = {
                 "linestyle": "",

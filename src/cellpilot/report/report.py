@@ -1,7 +1,6 @@
 """`write_report`: the self-contained page of a run, and its figures as files."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -76,8 +75,8 @@ def provenance(run: Content) -> dict[str, str]:
         "map": ", ".join(str(attrs[name]) for name in ("source", "model") if attrs.get(name)),
         "licence of the map": attrs.get("licence"),
         "seed of the map": attrs.get("seed"),
-        "task": ", ".join(f"{name} = {value:g}" for name, value in asdict(run.task).items()),
-        "noise_std_db": f"{run.world.noise_std_db:g}",
+        "task": ", ".join(f"{name} = {value:g}" for name, value in run.task.as_dict().items()),
+        "noise_std_db": f"{run.world.signal.noise_std_db:g}",
         "seed": training.get("seed") if about is None else about.seed,
         "learner": training.get("algorithm"),
         "exploration": training.get("exploration"),

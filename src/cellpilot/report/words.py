@@ -28,9 +28,9 @@ def summary_paragraphs(run: Content) -> list[str]:
 
 def _map_sentence(run: Content) -> str:
     world, threshold_db = run.world, run.task.threshold_db
-    share = float((world.sinr_db[world.free_cells] < threshold_db).mean())
+    share = float((world.signal.mean_db[world.airspace.free_cells] < threshold_db).mean())
     sides = " x ".join(str(n) for n in world.grid.sides[: world.grid.n_dimensions])
-    noise = f"noise of {world.noise_std_db:g} dB in every step" if world.noise_std_db else "no noise"
+    noise = f"noise of {world.signal.noise_std_db:g} dB in every step" if world.signal.noise_std_db else "no noise"
     return (
         f"{sides} cells, {noise}: the mean SINR lies below the threshold of {threshold_db:g} dB in {percent(share, 1)} "
         "of the free cells."

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +9,11 @@ import numpy as np
 
 from cellpilot.evaluate import Evaluation, HandoverRule, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
-from cellpilot.experiment import make_policies
+from cellpilot.experiment import make_policies, make_world
 from cellpilot.provenance import digest, versions
 from cellpilot.runs.folder import Run
 from cellpilot.runs.origin import map_digest, policy_digest
 from cellpilot.storage import load_netcdf, save_netcdf
-from cellpilot.world import World
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,7 +26,7 @@ def evaluate_run(
 ) -> Evaluation:
     """Evaluate baseline, optima and the learned policy on the run's map (or another of the same grid)."""
     settings, task = run.scenario.evaluation, run.scenario.task
-    world = run.world if radio_map is None else World.from_map(radio_map, task.noise_std_db)
+    world = run.world if radio_map is None else make_world(radio_map, task.noise_std_db, run.scenario.airspace)
     policies = make_policies(world, run.task, settings.boltzmann_temperature, run.parameters())
     return evaluate(
         world,
@@ -50,7 +48,9 @@ def made_from(run: Run) -> dict[str, str]:
     return {
         "policy": policy_digest(run.parameters()),
         "map": map_digest(run.radio_map),
-        "task": of_text(run.scenario.task.model_dump_json() + json.dumps(asdict(run.task))),
+        "task": of_text(
+            run.scenario.task.model_dump_json() + run.scenario.airspace.model_dump_json() + json.dumps(run.task.as_dict())
+        ),
         "evaluation settings": of_text(run.scenario.evaluation.model_dump_json()),
         "version of cellpilot": versions().get("cellpilot", "unknown"),
     }
@@ -126,8 +126,9 @@ def save_evaluation(run: Run, evaluation: Evaluation) -> Path:
         coords={"policy": names},
         attrs={
             "metrics": json.dumps(payload(run, evaluation)),
-            "task": json.dumps(asdict(run.task)),
-            "noise_std_db": run.world.noise_std_db,
+            "task": json.dumps(run.task.as_dict()),
+            "airspace": run.scenario.airspace.model_dump_json(),
+            "noise_std_db": run.world.signal.noise_std_db,
             "made_from": json.dumps(made_from(run)),
         },
     )

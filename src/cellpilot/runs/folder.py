@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cellpilot.errors import InputError
-from cellpilot.experiment import check_learner, make_map, make_task, shipped_policy
+from cellpilot.experiment import check_learner, make_map, make_task, make_world, shipped_policy
 from cellpilot.policies import OptimalPolicy, PolicyParameters, load_parameters
 from cellpilot.provenance import usable_cores, versions
 from cellpilot.runs.files import FACTS, MAP, MARKERS, NOT_A_RUN, SCENARIO, holds_run, is_occupied, read_facts, remove_run
@@ -64,7 +64,8 @@ def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force:
     radio_map = make_map(scenario.map)
     run = _assemble(folder, scenario, seed, radio_map)
     check_learner(scenario.learner, run.task, run.world.grid, n_seeds)
-    OptimalPolicy.undiscounted(run.world, run.task).actions(run.world.free_cells[:1])  # refuses a task without an optimum
+    # Refuses a task without an optimum.
+    OptimalPolicy.undiscounted(run.world, run.task).actions(run.world.airspace.free_cells[:1])
     if occupied:
         remove_run(folder)
     with _nothing_left(folder):
@@ -153,6 +154,6 @@ def settle(run: Run, command: str) -> Iterator[Run]:
 
 
 def _assemble(folder: Path, scenario: Scenario, seed: int, radio_map: "RadioMap", shipped: PolicyParameters | None = None) -> Run:
-    world = World.from_map(radio_map, scenario.task.noise_std_db)
-    world.start_goal_cells(scenario.task.start, scenario.task.goal)
+    world = make_world(radio_map, scenario.task.noise_std_db, scenario.airspace)
+    world.airspace.start_goal_cells(scenario.task.start, scenario.task.goal)
     return Run(folder, scenario, seed, radio_map, world, make_task(scenario.task, world.grid), shipped)

@@ -1,6 +1,5 @@
 """What a result was made from, as digests that travel with it."""
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,8 +35,9 @@ def policy_digest(parameters: PolicyParameters | None) -> str:
 def origin_warning(parameters: PolicyParameters, radio_map: "RadioMap", task: Task, seed: int) -> str | None:
     """What says that a policy in a run folder was trained elsewhere: another map, task or seed; None where nothing does."""
     about = parameters.about
-    trained_on = {"map": map_digest(radio_map), "task": asdict(task), "seed": seed}
-    other = [name for name, here in trained_on.items() if name in about and about[name] != here]
+    trained_on = {"map": map_digest(radio_map), "task": task.as_dict(), "seed": seed}
+    stated = about | ({"task": Task(**about["task"]).as_dict()} if isinstance(about.get("task"), dict) else {})
+    other = [name for name, here in trained_on.items() if name in stated and stated[name] != here]
     if not other:
         return None
     return f"the policy was trained with another {' and another '.join(other)} than this run has"

@@ -1,7 +1,6 @@
 """Training in run folders: state while it goes on, policy and learning curve at its end."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,8 +57,9 @@ def _save_training(run: Run, result: "TrainingResult", mark: str) -> None:
     from cellpilot.policies.learned import save_parameters
 
     about = {"scenario": run.scenario.name, "seed": run.seed, "map": map_digest(run.radio_map)}
-    about |= {"fingerprint": mark, "task": asdict(run.task)}
-    save_parameters(result.policy_parameters(run.world.grid.sides, about), run.policy_file)
+    about |= {"fingerprint": mark, "task": run.task.as_dict()}
+    parameters = result.policy_parameters(run.world.grid.sides, about).trained_in(run.world.airspace)
+    save_parameters(parameters, run.policy_file)
     _write_history(run, result)
     run.update_facts(
         train_wall_s=round(result.train_wall_s, 3),

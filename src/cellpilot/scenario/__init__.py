@@ -6,7 +6,7 @@ Every value of the thesis is a default here, with its table or section. Unknown 
 from cellpilot.scenario.base import Cell, Count, Finite, Floats, NonNegative, Pair, Paths, Positive, Settings
 from cellpilot.scenario.learner import ALGORITHM_HELP, LEARNERS, AnyLearnerSettings, LearnerSettings, PairLearnerSettings
 from cellpilot.scenario.maps import HEXAGONAL, LogSettings, MapFile, MapSettings, MeasuredMap, SimulatedMap
-from cellpilot.scenario.task import EvaluationSettings, RewardSettings, TaskSettings
+from cellpilot.scenario.task import AirspaceSettings, EvaluationSettings, RewardSettings, TaskSettings
 from cellpilot.scenario.toml import SHIPPED, Scenario, describe, dump_scenario, find_scenario, load_scenario, one_name, validated
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "HEXAGONAL",
     "LEARNERS",
     "SHIPPED",
+    "AirspaceSettings",
     "AnyLearnerSettings",
     "Cell",
     "Count",

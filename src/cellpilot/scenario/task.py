@@ -1,9 +1,10 @@
 """What a flight earns and when it ends, and how policies that fly are compared."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
+from cellpilot.airspace import Rule
 from cellpilot.scenario.base import Cell, Finite, NonNegative, Positive, Settings
 
 
@@ -14,6 +15,7 @@ class RewardSettings(Settings):
     rho_sinr: Finite = Field(-1.0, description="reward of a step below the threshold (Table 4.2)")
     rho_step: Finite = Field(-0.1, description="reward of every step (Table 4.2)")
     rho_blocked: Finite = Field(0.0, description="reward of a move that a blocked cell stops")
+    rho_end: Finite = Field(-100.0, description="reward of a flight that ends in a blocked cell (rule end; section 7.2)")
     threshold_db: Finite = Field(3.0, description="SINR threshold [dB] (section 4.4.2)")
     noise_std_db: NonNegative = Field(
         0.0, description="standard deviation of the noise drawn at every step [dB] (section 5.2: 2)"
@@ -21,6 +23,17 @@ class RewardSettings(Settings):
     discount: float = Field(0.995, gt=0, le=1, description="discount factor (Table 4.3)")
     max_steps: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
         None, description="cap on steps; None = ten times the sum of the sides (section 4.2.2: 400, 450)"
+    )
+
+
+class AirspaceSettings(Settings):
+    """How the drone moves, and what a move does that is forbidden."""
+
+    moves: Literal[4, 6, 8, 26] | None = Field(
+        None, description="move set: 4 or 6 along the axes, 8 or 26 with diagonals; None = 4 on one height, 6 on several"
+    )
+    rule: Rule = Field(
+        "stay", description="a move into a blocked cell stays in place, is not offered (mask), or ends the flight (section 7.2)"
     )
 
 

@@ -13,7 +13,7 @@ from cellpilot.errors import InputError
 from cellpilot.scenario.base import Settings
 from cellpilot.scenario.learner import LEARNERS, AnyLearnerSettings, LearnerSettings
 from cellpilot.scenario.maps import MapSettings, SimulatedMap
-from cellpilot.scenario.task import EvaluationSettings, TaskSettings
+from cellpilot.scenario.task import AirspaceSettings, EvaluationSettings, TaskSettings
 from cellpilot.storage import read_text
 
 
@@ -37,6 +37,7 @@ class Scenario(Settings):
     name: Name = Field("scenario", description="name in tables and files")
     map: MapSettings = Field(SimulatedMap(), discriminator="kind")
     task: TaskSettings = TaskSettings()
+    airspace: AirspaceSettings = AirspaceSettings()
     learner: AnyLearnerSettings = Field(LearnerSettings(), discriminator="algorithm")
     evaluation: EvaluationSettings = EvaluationSettings()
 
@@ -72,7 +73,7 @@ def load_scenario(path: Path) -> Scenario:
     except ValueError as error:
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())[:160]}") from None
     if not data:
-        raise InputError(f"{path}: the file is empty; expected sections map, task, learner, evaluation")
+        raise InputError(f"{path}: the file is empty; expected sections map, task, airspace, learner, evaluation")
     data.setdefault("name", path.stem)
     if isinstance(data.get("map"), dict):
         data["map"].setdefault("kind", "simulated")

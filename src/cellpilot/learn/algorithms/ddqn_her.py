@@ -81,10 +81,13 @@ def initial_state(settings: DDQNHER, arena: Arena, seed: Int[Array, ""] | int) -
     )
 
 
-def populate_memory(key: Array, settings: DDQNHER, replay: Replay, flight: Flight) -> Replay:
-    """Algorithm 1: store every step of the flight for its own goal and for `hindsight_ratio` goals it reached."""
+def populate_memory(key: Array, settings: DDQNHER, replay: Replay, flight: Flight, ends: bool = False) -> Replay:
+    """Algorithm 1: store every step of the flight for its own goal and for `hindsight_ratio` goals it reached.
+
+    `ends`: the flight may have ended in a blocked cell.
+    """
     own = jnp.broadcast_to(flight.goal, (flight.transitions.action.size, 1))
-    again = hindsight_goals(key, flight, settings.hindsight_ratio, settings.hindsight_strategy)
+    again = hindsight_goals(key, flight, settings.hindsight_ratio, settings.hindsight_strategy, ends)
     goals = jnp.concatenate([own, again], axis=1)
     steps_left = flight.n_steps - jnp.arange(len(goals)) if settings.n_steps > 1 else None
     copies = settings.copies
@@ -110,7 +113,8 @@ def collect(
         q_values = lambda cell: table[cell]
     else:
         q_values = lambda cell: network(arena.coordinates[cell], arena.coordinates[goal])
-    return fly(key_flight, arena, task, start, goal, lambda cell, t: (q_values(cell) + noise[t]).argmax())
+    allowed = lambda cell, values: values if arena.not_offered is None else values + arena.not_offered[cell]
+    return fly(key_flight, arena, task, start, goal, lambda cell, t: allowed(cell, q_values(cell) + noise[t]).argmax())
 
 
 class Batches(NamedTuple):
@@ -124,6 +128,7 @@ class Batches(NamedTuple):
     q_next_target: Float[Array, "*updates actions batch"]
     discount: Float[Array, "*updates batch"] | None  # None = the task's
     weight: Float[Array, "*updates batch"] | None  # None = all alike
+    not_offered: Float[Array, "*updates actions batch"] | None  # -inf for actions that s' does not offer; None = all offered
 
 
 def prepare(row: Int[Array, "updates batch"], settings: DDQNHER, arena: Arena, task: Task, state: LearnerState) -> Batches:
@@ -140,6 +145,7 @@ def prepare(row: Int[Array, "updates batch"], settings: DDQNHER, arena: Arena, t
         exponent = 1 - (1 - settings.importance_exponent) * (1 - state.episode / settings.episodes)
         weight = importance_weights(priority, row, state.replay.size, exponent)
     by_update = lambda x: jnp.moveaxis(x, 1, 0)
+    not_offered = None if arena.not_offered is None else by_update(arena.not_offered.T[:, outcome.next_cell])
     return Batches(
         by_update(jnp.concatenate([position, next_position], -1)),
         by_update(jnp.concatenate([goal, goal], -1)),
@@ -149,18 +155,24 @@ def prepare(row: Int[Array, "updates batch"], settings: DDQNHER, arena: Arena, t
         by_update(q_target),
         outcome.discount,
         weight,
+        not_offered,
     )
 
 
-def loss(folded: Networks, batch: Batches, settings: DDQNHER, task: Task) -> tuple[Array, Float[Array, " batch"]]:
+def loss(
+    folded: Networks, batch: Batches, settings: DDQNHER, task: Task, ends: bool = False
+) -> tuple[Array, Float[Array, " batch"]]:
     """Loss of equation 3.24, summed over the networks, and the error of each experience, their mean."""
     n = settings.batch_size
     first, *others = members(folded)
     q, q_next_online = jnp.split(action_values(first, batch.position, batch.goal, n).T, 2)
     discount = task.discount if batch.discount is None else batch.discount
-    target = q_learning_target(batch.reward, batch.terminated, q_next_online, batch.q_next_target.T, discount, settings.double)
+    not_offered = None if batch.not_offered is None else batch.not_offered.T
+    target = q_learning_target(
+        batch.reward, batch.terminated, q_next_online, batch.q_next_target.T, discount, settings.double, not_offered
+    )
     if settings.clip_targets:
-        target = jnp.clip(target, *task.value_bounds)
+        target = jnp.clip(target, *task.value_bounds(ends))
     values = [q] + [action_values(network, batch.position[:, :n], batch.goal[:, :n], n).T for network in others]
     errors = jnp.stack([jnp.abs(td_error(q, batch.action, target)) for q in values]).mean(0)
     return jnp.stack([squared_td_error(q, batch.action, target, batch.weight) for q in values]).sum(), errors
@@ -175,7 +187,7 @@ def optimize(key: Array, settings: DDQNHER, arena: Arena, task: Task, state: Lea
 
     def update(carry: tuple[Networks, AdamState], batch: Batches) -> tuple[tuple[Networks, AdamState], Any]:
         online, adam = carry
-        gradient, error = jax.grad(loss, has_aux=True)(online, batch, settings, task)
+        gradient, error = jax.grad(loss, has_aux=True)(online, batch, settings, task, arena.ends)
         return adam_step(online, gradient, adam, settings.learning_rate), error if settings.prioritised else None
 
     adam = state.optimizer
@@ -198,13 +210,13 @@ def run_episode(
     fly_once = lambda key, arena, network, exploration: collect(key, settings, arena, task, network, exploration)
     # Seeds in one program: mapped over seeds a flight would last as long as the longest one, so they fly one by one.
     flight = sequential_vmap(fly_once)(key_flight, arena, members(state.online)[0], exploration)
-    state = eqx.tree_at(lambda s: s.replay, state, populate_memory(key_hindsight, settings, state.replay, flight))
+    state = eqx.tree_at(lambda s: s.replay, state, populate_memory(key_hindsight, settings, state.replay, flight, arena.ends))
     state = optimize(key_batches, settings, arena, task, state)
     episode = state.episode + 1
     renew = episode % settings.target_period == 0
     target = jax.tree.map(lambda new, old: jnp.where(renew, new, old), state.online, state.target)
     state = LearnerState(state.online, target, state.optimizer, state.replay, episode, state.env_steps + flight.n_steps)
-    return state, EpisodeStatistics(flight_return(flight, task), flight.n_steps, flight.terminated)
+    return state, EpisodeStatistics(flight_return(flight, task), flight.n_steps, flight.reached)
 
 
 def exploration_at(settings: DDQNHER, episode: Int[Array, "..."]) -> Float[Array, "..."]:
@@ -230,7 +242,7 @@ def fill_replay(state: LearnerState, arena: Arena, seed: Int[Array, ""], *, sett
         replay, flown, env_steps = carry
         key_flight, key_hindsight = jax.random.split(jax.random.fold_in(key, flown))
         flight = collect(key_flight, settings, arena, task, None, jnp.float32(1.0))
-        return populate_memory(key_hindsight, settings, replay, flight), flown + 1, env_steps + flight.n_steps
+        return populate_memory(key_hindsight, settings, replay, flight, arena.ends), flown + 1, env_steps + flight.n_steps
 
     start = (state.replay, jnp.int32(0), state.env_steps)
     replay, _, env_steps = jax.lax.while_loop(lambda carry: carry[0].size < settings.replay_start, fly_once, start)

@@ -17,13 +17,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, UInt32
+from jaxtyping import Array, Bool, Float, Int
 
 from cellpilot.envs.arena import Arena, draw_start_and_goal
 from cellpilot.envs.flight import step
 from cellpilot.learn.adam import AdamState, adam_step, init_adam
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
-from cellpilot.learn.algorithms.fqi_her_targets import TargetCache, draw_pairs, empty_cache, importance, pair_values, targets
+from cellpilot.learn.algorithms.fqi_her_targets import (
+    TargetCache,
+    draw_pairs,
+    empty_cache,
+    importance,
+    move_rewards,
+    pair_values,
+    targets,
+)
 from cellpilot.learn.exploration import boltzmann_noise, linear_schedule
 from cellpilot.learn.losses import huber
 from cellpilot.learn.pair_network import PairNetwork
@@ -42,7 +50,7 @@ class Flights:
     goal: Int[Array, " flights"]
     n_steps: Int[Array, " flights"]
     return_so_far: Float[Array, " flights"]
-    number: UInt32[Array, " flights"]  # random, of this flight: with a cell it draws what the map's uncertainty adds there
+    error_db: Float[Array, "flights cells"] | None  # of the map, as this flight meets it; None where all is known
 
 
 @jax.tree_util.register_dataclass
@@ -115,9 +123,11 @@ def action_values(
     value = jnp.minimum(values.min(0), bound)
     if penalty is not None:
         here = cell[:, None]
-        reward, terminated = task.expected_outcome(arena, here, jnp.arange(entered.shape[1])[None, :], goal, penalty)
-        return reward + task.discount * jnp.where(terminated, 0.0, value)
-    return value + task.rho_blocked * arena.stopped[cell]
+        reward, _, over = task.expected_outcome(arena, here, jnp.arange(entered.shape[1])[None, :], goal, penalty)
+        values = reward + task.discount * jnp.where(over, 0.0, value)
+    else:
+        values = value + move_rewards(arena, task)[cell]
+    return values if arena.not_offered is None else values + arena.not_offered[cell]
 
 
 def collect(
@@ -139,16 +149,18 @@ def collect(
         rarely = settings.count_bonus / jnp.sqrt(1.0 + memory.count[arena.next_cell[flights.cell]])
         action = (q + rarely + boltzmann_noise(key_action, temperature, q.shape)).argmax(-1)
         entered = arena.next_cell[flights.cell, action]
-        noise_db = arena.noise_std_db * jax.random.normal(key_noise, entered.shape) + _unknown_db(arena, flights.number, entered)
-        transition = jax.vmap(step, (None, 0, 0, 0))(arena, flights.cell, action, noise_db)
-        reward, terminated = task.outcome(transition, flights.goal)
+        noise = jax.random.normal(key_noise, entered.shape)
+        error_db = None if flights.error_db is None else flights.error_db[jnp.arange(entered.size), entered]
+        transition = jax.vmap(step, (None, 0, 0, 0, 0))(arena, flights.cell, action, error_db, noise)
+        reward, reached, terminated = task.outcome(transition, flights.goal)
         memory = measure(memory, transition.next_cell, transition.sinr_db)
         n_steps, total = flights.n_steps + 1, flights.return_so_far + reward
         over = terminated | (n_steps >= task.max_steps)
-        ended = ended + jnp.stack([over, over * total, over * n_steps, terminated], 0).sum(1)
+        ended = ended + jnp.stack([over, over * total, over * n_steps, reached], 0).sum(1)
         new = _new_flights(key_new, arena, settings.flights)
-        going = Flights(transition.next_cell, flights.goal, n_steps, total, flights.number)
-        return (jax.tree.map(lambda fresh, old: jnp.where(over, fresh, old), new, going), memory, ended), None
+        going = Flights(transition.next_cell, flights.goal, n_steps, total, flights.error_db)
+        renew = lambda fresh, old: jnp.where(over.reshape(-1, *[1] * (old.ndim - 1)), fresh, old)
+        return (jax.tree.map(renew, new, going), memory, ended), None
 
     start = (state.flights, state.memory, jnp.zeros(4))
     (flights, memory, ended), _ = jax.lax.scan(fly_step, start, jax.random.split(key, settings.steps_per_round))
@@ -277,12 +289,9 @@ def learned_policy(state: FittedState, settings: FQIHER, sides: tuple[int, int, 
 
 
 def _new_flights(key: Array, arena: Arena, n: int) -> Flights:
-    key_pairs, key_number = jax.random.split(key)
+    key_pairs, key_map = jax.random.split(key)
     start, goal = jax.vmap(draw_start_and_goal, (0, None))(jax.random.split(key_pairs, n), arena)
-    return Flights(start, goal, jnp.zeros(n, jnp.int32), jnp.zeros(n), jax.random.bits(key_number, (n,)))
-
-
-def _unknown_db(arena: Arena, number: UInt32[Array, " flights"], cell: Int[Array, " flights"]) -> Float[Array, " flights"]:
-    """What the map's own uncertainty adds: the same in one cell for a whole flight, without a drawn map for each flight."""
-    draw = lambda number, cell: jax.random.normal(jax.random.fold_in(jax.random.fold_in(jax.random.key(0), number), cell))
-    return arena.sinr_std_db[cell] * jax.vmap(draw)(number, cell)
+    unknown, error_db = arena.signal.unknown, None
+    if unknown is not None:
+        error_db = unknown.draw(jax.random.normal(key_map, (n, arena.n_cells)))
+    return Flights(start, goal, jnp.zeros(n, jnp.int32), jnp.zeros(n), error_db)

@@ -6,7 +6,7 @@ would never be believed.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import equinox as eqx
@@ -138,7 +138,7 @@ def learn_online(
 @single_precision
 def argmax_policy(state: FittedState, settings: FQIHER, grid: Grid, task: Task) -> LearnedPolicy:
     """What the state flies."""
-    return LearnedPolicy(learned_policy(state, settings, grid.sides, {"task": asdict(task)}), grid)
+    return LearnedPolicy(learned_policy(state, settings, grid.sides, {"task": task.as_dict()}), grid)
 
 
 def _fly(policy: LearnedPolicy, world: World, task: Task, seed: int, flight: int) -> tuple[np.ndarray, np.ndarray, int]:
@@ -150,8 +150,8 @@ def _fly(policy: LearnedPolicy, world: World, task: Task, seed: int, flight: int
     cells, sinr_db = np.zeros(task.max_steps, np.int32), np.zeros(task.max_steps, np.float32)
     for step in range(task.max_steps):
         action = int((np.cumsum(chances[here])[:-1] <= rng.random()).sum())
-        here = int(world.next_cell[here, action])
+        here, event = int(world.airspace.next_cell[here, action]), world.airspace.event[here, action]
         cells[step], sinr_db[step] = here, measured(here)
-        if here == goal:
+        if task.end(here, event, goal)[1]:
             break
     return cells, sinr_db, step + 1

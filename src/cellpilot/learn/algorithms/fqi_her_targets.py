@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from cellpilot.airspace import ENTERED, MOVED
 from cellpilot.envs.arena import Arena
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.pair_network import PairNetwork, corrections
@@ -39,11 +40,18 @@ def pair_values(
     network: PairNetwork, arena: Arena, task: Task, penalty: Float[Array, " cells"] | None, cell: Array, goal: Array
 ) -> tuple[Float[Array, "networks ..."], Float[Array, "..."]]:
     """Each network's value of the pairs, and their upper bound: of being in the cell, or without a model of entering it."""
-    steps = distance(arena.sides, cell, goal)
+    steps = distance(arena.sides, cell, goal, arena.diagonal)
     bound = upper_bound(task, steps, 0.0 if penalty is None else penalty[goal])
     if penalty is None:
-        bound = task.rho_step + task.rho_goal * (cell == goal) + task.discount * bound
+        bound = task.entering_reward(cell, 0.0, task.end(cell, MOVED, goal)[0]) + task.discount * bound
     return bound + corrections(network, arena.sides, cell, goal), bound
+
+
+def move_rewards(arena: Arena, task: Task) -> Float[Array, "cells actions"]:
+    """The part of the reward that the move decides; -inf for a move that is not offered."""
+    cell, action = jnp.arange(arena.n_cells)[:, None], jnp.arange(arena.next_cell.shape[1])[None, :]
+    reward = jnp.broadcast_to(task.move_reward(cell, action, arena.next_cell, arena.event), arena.event.shape)
+    return reward if arena.not_offered is None else reward + arena.not_offered
 
 
 def targets(
@@ -66,19 +74,20 @@ def targets(
     values, bound = pair_values(network, arena, task, model, cell, goal)
     least = jnp.minimum(values.min(0), bound)
     if not settings.penalty_model:
-        value = (least[arena.next_cell] + task.rho_blocked * arena.stopped[..., None]).max(1)
-        entering = jnp.where(cell == goal, 0.0, task.discount * value)
+        value = (least[arena.next_cell] + move_rewards(arena, task)[..., None]).max(1)
+        reached, over = task.end(cell, jnp.where((arena.part < 0) & arena.ends, ENTERED, MOVED)[:, None], goal)
         low = replayed_penalty(key, memory, task.threshold_db)[:, None]
-        target = task.rho_step + task.rho_goal * (cell == goal) + task.rho_sinr * low + entering
+        target = task.entering_reward(cell, low, reached) + jnp.where(over, 0.0, task.discount * value)
         return jnp.minimum(target, bound), jnp.abs(target - values.mean(0))
     n_actions = arena.next_cell.shape[1]
     outcomes = [task.expected_outcome(arena, cell, action, goal, penalty) for action in range(n_actions)]
 
     def sweep(_: Array, value: Array) -> Array:
         best = jnp.full_like(value, -jnp.inf)
-        for action, (reward, terminated) in enumerate(outcomes):
-            future = jnp.where(terminated, 0.0, task.discount * value[arena.next_cell[:, action]])
-            best = jnp.maximum(best, reward + future)
+        for action, (reward, _, over) in enumerate(outcomes):
+            future = jnp.where(over, 0.0, task.discount * value[arena.next_cell[:, action]])
+            offered = 0.0 if arena.not_offered is None else arena.not_offered[:, action, None]
+            best = jnp.maximum(best, reward + future + offered)
         return best
 
     target = jnp.minimum(jax.lax.fori_loop(0, settings.sweeps, sweep, least), bound)

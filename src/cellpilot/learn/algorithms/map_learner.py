@@ -12,12 +12,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.airspace import Airspace
 from cellpilot.errors import InputError
 from cellpilot.evaluate.instances import sample_pairs
 from cellpilot.grid import Grid
 from cellpilot.maps.estimate.gaussian_process import GaussianProcess, Kernel, Measurements, combine, estimate_kernel
 from cellpilot.policies.base import greedy_actions
-from cellpilot.policies.optimal import OptimalPolicy, optimal_values
+from cellpilot.policies.optimal import OptimalPolicy
+from cellpilot.signal import Signal, Unknown
+from cellpilot.solve import optimal_values
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -72,14 +75,14 @@ class MapLearner:
 
     def __init__(
         self,
-        grid: Grid,
-        blocked: NDArray[np.bool_],
+        airspace: Airspace,
         task: Task,
         settings: MapLearnerSettings,
         seed: int,
         prior_mean_db: FloatArray | None = None,
     ) -> None:
-        self.grid, self.blocked, self.task, self.settings, self.seed = grid, blocked, task, settings, seed
+        grid = airspace.grid
+        self.airspace, self.grid, self.task, self.settings, self.seed = airspace, grid, task, settings, seed
         self.prior_mean_db = without_holes(grid, prior_mean_db, task.threshold_db)
         pattern_db = self.prior_mean_db - self.prior_mean_db.mean()
         self._trends_db = settings.prior_slope_std * pattern_db[:, None]
@@ -88,29 +91,30 @@ class MapLearner:
         self.measured_cells: list[int] = []
         self.measured_db: list[float] = []
         self.n_flights = 0
-        self._next_cell, _ = grid.next_cells(blocked)
 
     def fly(self, start: int, goal: int, measure: Callable[[int], float]) -> Flight:
         """Fly from cell to cell, `measure` SINR [dB] in each that is entered, and learn from it."""
         rng = np.random.default_rng([self.seed, 3, self.n_flights])
-        first, here, pending = len(self.measured_cells), start, 0
+        first, here, pending, reached = len(self.measured_cells), start, 0, False
         every = self.settings.replan_every_steps or self.task.max_steps
         actions = self.plan(goal, rng)
         for _ in range(self.task.max_steps):
             if pending == every:
                 self._learn(pending)
                 pending, actions = 0, self.plan(goal, rng)
-            here = int(self._next_cell[here, actions[here]])
+            action = actions[here]
+            here, event = int(self.airspace.next_cell[here, action]), self.airspace.event[here, action]
             self.measured_cells.append(here)
             self.measured_db.append(measure(here))
             pending += 1
-            if here == goal:
+            reached, over = self.task.end(here, event, goal)
+            if over:
                 break
         self._learn(pending)
         self.n_flights += 1
         if self.n_flights in self.settings.estimate_after_flights:
             self.estimate()
-        return Flight(np.array(self.measured_cells[first:], np.int32), np.array(self.measured_db[first:]), here == goal)
+        return Flight(np.array(self.measured_cells[first:], np.int32), np.array(self.measured_db[first:]), bool(reached))
 
     def plan(self, goal: int, rng: np.random.Generator) -> NDArray[np.int8]:
         """Exploring actions `[n_cells]` towards one goal: the exact plan on an optimistic map, or on a drawn one."""
@@ -149,8 +153,8 @@ class MapLearner:
         self.posterior.update(self.measured_cells[-n_latest:], self.measured_db[-n_latest:])
 
     def _world(self, mean_db: FloatArray, std_db: FloatArray) -> World:
-        noise_std_db = self.posterior.kernel.noise_std_db
-        return World(self.grid, mean_db.astype(np.float32), std_db.astype(np.float32), noise_std_db, self.blocked)
+        unknown = Unknown.of(self.grid, std_db.astype(np.float32), self.posterior.kernel.length_m)
+        return World(self.airspace, Signal(mean_db.astype(np.float32), self.posterior.kernel.noise_std_db, unknown))
 
 
 def learn_map(
@@ -167,12 +171,12 @@ def learn_map(
     flies between the same places, however many flights follow. `InputError` for a world whose SINR is uncertain or
     unknown in free cells: there is no truth to measure.
     """
-    if world.sinr_std_db.any() or not np.isfinite(world.sinr_db[world.free_cells]).all():
+    if world.signal.unknown is not None or not np.isfinite(world.signal.mean_db[world.airspace.free_cells]).all():
         raise InputError(
             "the true map needs SINR in every free cell, and sinr_std_db 0:"
             " fill its unknown cells (--fill-radius-m) or block them"
         )
-    learner = MapLearner(world.grid, world.blocked, task, settings, seed, prior_mean_db)
+    learner = MapLearner(world.airspace, task, settings, seed, prior_mean_db)
     for checkpoint in checkpoints:
         while learner.n_flights < checkpoint:
             flight = learner.n_flights
@@ -201,4 +205,4 @@ def start_and_goal(world: World, seed: int, flight: int) -> tuple[int, int]:
 def receiver(world: World, seed: int, flight: int) -> Callable[[int], float]:
     """What measures SINR [dB] in a cell of the true world during one flight, noise included."""
     rng = np.random.default_rng([seed, 2, flight])
-    return lambda cell: float(world.sinr_db[cell]) + world.noise_std_db * float(rng.standard_normal())
+    return lambda cell: float(world.signal.measure(cell, noise=rng.standard_normal()))

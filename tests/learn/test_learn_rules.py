@@ -1,0 +1,82 @@
+"""The learners under each rule for forbidden moves: what is not offered is not taken, what ends a flight is not sought."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from cellpilot.envs.arena import make_arena
+from cellpilot.envs.flight import fly
+from cellpilot.evaluate import evaluate
+from cellpilot.evaluate.deterministic import fly_all
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
+from cellpilot.learn.hindsight import hindsight_goals
+from cellpilot.learn.trainer import train
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters
+from cellpilot.task import Task
+from cellpilot.world import World
+
+MakeWorld = Callable[..., World]
+TASK = Task(max_steps=60, rho_blocked=-0.5, rho_end=-3.0)
+FQI = FQIHER(rounds=60, flights=16, steps_per_round=12, updates_per_round=15, batch_size=256, goals_per_round=25, hidden_units=32)
+DDQN = DDQNHER(episodes=1500, replay_capacity=20_000, replay_start=1_000, updates_per_episode=20, hidden=(64, 64))
+RULES = [("stay", 4), ("mask", 4), ("end", 4), ("end", 8)]
+
+
+def learned(world: World, settings: FQIHER | DDQNHER) -> PolicyParameters:
+    about = {"task": TASK.as_dict()}
+    result = train(settings, TASK, make_arena(world), 0)
+    return result.policy_parameters(world.grid.sides, about).trained_in(world.airspace)
+
+
+@pytest.mark.parametrize(("rule", "n_moves"), RULES)
+def test_fqi_her_learns_under_every_rule(random_world: MakeWorld, rule: str, n_moves: int) -> None:
+    world = random_world(31, (5, 5, 1), 0.2, rule=rule, n_moves=n_moves)
+    parameters = learned(world, FQI)
+    parameters.check_airspace(world.airspace)
+    policy = LearnedPolicy(parameters, world.grid)
+    result = evaluate(world, TASK, [GreedyPolicy(world), OptimalPolicy(world, TASK), policy], seed=0, n_sampled=10)
+    assert result.policies["learned/argmax"]["reached_share"] == 1
+    assert result.policies["learned/argmax"]["score"] > 0.95
+
+
+@pytest.mark.parametrize(("rule", "n_moves"), RULES[1:3])
+@pytest.mark.parametrize("double", [True, False])
+def test_ddqn_her_learns_under_the_new_rules(make_world: MakeWorld, rule: str, n_moves: int, double: bool) -> None:
+    world = make_world((4, 4, 1), blocked=[(1, 1, 0), (2, 3, 0)], rule=rule, n_moves=n_moves)
+    parameters = learned(world, replace(DDQN, double=double))
+    probabilities = LearnedPolicy(parameters, world.grid, 0.5).action_probabilities(world.airspace.free_cells)
+    np.testing.assert_allclose(probabilities.sum(-1), 1, rtol=1e-5)
+    if rule == "mask":
+        assert not probabilities[~world.airspace.offered[:, None, :].repeat(probabilities.shape[1], 1)].any()
+    goals = world.airspace.free_cells
+    flights = fly_all(world, TASK, LearnedPolicy(parameters, world.grid).action_probabilities(goals).argmax(-1), goals)
+    lost = flights.valid & ~flights.reached
+    assert not (lost & (flights.n_steps < TASK.max_steps)).any()  # none ends in a blocked cell
+    assert lost.sum() < 0.6 * flights.valid.sum()
+
+
+@pytest.mark.parametrize("strategy", ["future", "final", "episode"])
+def test_hindsight_never_draws_a_forbidden_cell(random_world: MakeWorld, strategy: str) -> None:
+    world = random_world(31, (4, 4, 1), 0.3, rule="end")
+    arena, ended = make_arena(world), 0
+    for seed in range(60):
+        actions = jax.random.randint(jax.random.key(seed), (60,), 0, 4)
+        start, goal = world.airspace.free_cells[[0, -1]]
+        flight = fly(jax.random.key(0), arena, TASK, jnp.int32(start), jnp.int32(goal), lambda cell, t, a=actions: a[t])
+        goals = np.asarray(hindsight_goals(jax.random.key(seed), flight, 4, strategy, ends=True))[: int(flight.n_steps)]
+        assert not world.airspace.blocked[goals].any()
+        ended += bool(flight.terminated & ~flight.reached)
+    assert ended > 20
+
+
+def test_a_policy_refuses_other_moves_and_another_rule(random_world: MakeWorld) -> None:
+    world = random_world(31, (4, 4, 1), 0.2)
+    parameters = learned(world, replace(DDQN, episodes=2))
+    for other, message in (({"n_moves": 8}, "4 moves, not 8"), ({"rule": "mask"}, "'stay' for forbidden moves, not 'mask'")):
+        with pytest.raises(ValueError, match=message):
+            parameters.check_airspace(random_world(31, (4, 4, 1), 0.2, **other).airspace)
