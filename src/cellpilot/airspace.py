@@ -92,7 +92,7 @@ class Reason:
     source: str = ""  # the file or rule that says so
 
 
-NOT_TO_BE_ENTERED = Reason("blocked cell of the map")
+NOT_TO_BE_ENTERED = Reason("marked in the map")
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +17,10 @@ from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.hindsight import hindsight_goals
 from cellpilot.learn.trainer import train
-from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters
-from cellpilot.task import Task
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters, load_parameters
+from cellpilot.policies.learned import save_parameters
+from cellpilot.policies.onnx_file import save_onnx
+from cellpilot.task import Price, Task
 from cellpilot.world import World
 
 MakeWorld = Callable[..., World]
@@ -80,3 +83,30 @@ def test_a_policy_refuses_other_moves_and_another_rule(random_world: MakeWorld) 
     for other, message in (({"n_moves": 8}, "4 moves, not 8"), ({"rule": "mask"}, "'stay' for forbidden moves, not 'mask'")):
         with pytest.raises(ValueError, match=message):
             parameters.check_airspace(random_world(31, (4, 4, 1), 0.2, **other).airspace)
+
+
+@pytest.mark.parametrize("settings", [replace(FQI, rounds=5), replace(DDQN, episodes=20)], ids=["fqi-her", "ddqn-her"])
+@pytest.mark.parametrize(("rule", "n_moves"), RULES[1:])
+def test_an_exported_policy_follows_the_rule(
+    random_world: MakeWorld, tmp_path: Path, rule: str, n_moves: int, settings: FQIHER | DDQNHER
+) -> None:
+    import onnxruntime
+
+    world = random_world(31, (4, 4, 1), 0.2, rule=rule, n_moves=n_moves)
+    save_parameters(learned(world, settings), tmp_path / "policy.safetensors")
+    parameters = load_parameters(tmp_path / "policy.safetensors")
+    save_onnx(parameters, tmp_path / "policy.onnx")
+    session = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
+    goal = int(world.airspace.free_cells[-1])
+    cells = world.airspace.free_cells[:-1]
+    position = {"position": cells, "goal": np.full(len(cells), goal)}
+    values, action = session.run(None, {name: world.grid.position(at).astype(np.int64) for name, at in position.items()})
+    expected = parameters.values(world.grid, np.array([goal]))[cells, 0]
+    np.testing.assert_allclose(values, expected, atol=1e-4)
+    np.testing.assert_array_equal(np.isneginf(values), ~world.airspace.offered[cells])
+    assert world.airspace.offered[cells, action].all()
+
+
+def test_fqi_her_refuses_a_reward_that_its_policy_cannot_carry() -> None:
+    with pytest.raises(ValueError, match="'climb'"):
+        FQI.check_fits(Task(more=(Price("climb", -1.0, "move", lambda move: move.action == 4),)))

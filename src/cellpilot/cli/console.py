@@ -39,6 +39,10 @@ class SafeConsole(Console):
         """As in Rich; a table that is wider than the terminal is printed row by row."""
         super().print(*(self._narrow(item) if isinstance(item, Table) else item for item in objects), **options)
 
+    def on_broken_pipe(self) -> None:
+        """Whoever reads the output has gone: `cli.main` ends the command, with its usual exit code."""
+        raise
+
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """The segments of Rich, their text made safe."""
         for segment in super().render(renderable, options):
@@ -51,6 +55,16 @@ class SafeConsole(Console):
         if Measurement.get(self, self.options.update(max_width=10_000), table).maximum <= self.width:
             return table
         return Text("\n".join(stacked(table)), overflow="fold")
+
+
+class _Messages(SafeConsole):
+    """Standard error: what a closed terminal or a full disk does not take is dropped, and the work goes on."""
+
+    def _check_buffer(self) -> None:
+        try:
+            super()._check_buffer()
+        except OSError:
+            del self._buffer[:]
 
 
 def stacked(table: Table) -> list[str]:
@@ -72,7 +86,7 @@ def _terminal_width() -> int | None:
 
 
 out = SafeConsole(highlight=False, markup=False, soft_wrap=True, width=_terminal_width())
-err = SafeConsole(stderr=True, highlight=False, markup=False, soft_wrap=True)
+err = _Messages(stderr=True, highlight=False, markup=False, soft_wrap=True)
 
 
 def warn(message: str | None) -> None:

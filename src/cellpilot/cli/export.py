@@ -33,6 +33,8 @@ def main(arguments: Sequence[str]) -> int:
     if options.onnx.is_dir():
         raise InputError(f"--onnx {options.onnx}: a folder; expected the file to write, for example {options.onnx}/policy.onnx")
     _refuse_own_files(options.source, options.onnx)
+    if options.onnx.suffix != ".onnx":
+        raise InputError(f"--onnx {options.onnx}: expected a name that ends in .onnx")
     parameters = _parameters(options.source)
     save_onnx(parameters, options.onnx)
     sides = " x ".join(map(str, parameters.sides))

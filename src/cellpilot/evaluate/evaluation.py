@@ -42,6 +42,7 @@ class Evaluation:
     sampled: dict[str, dict[str, Any]]
     flights: dict[str, FlightRecords] = field(repr=False)
     sinr_histogram: dict[str, np.ndarray] = field(repr=False)  # sampled, [levels + 1]
+    made_from: dict[str, str] = field(default_factory=dict)  # digests of what it depends on, by name
 
 
 def evaluate(

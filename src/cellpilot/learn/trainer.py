@@ -4,7 +4,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import FrameType
@@ -261,8 +261,10 @@ def interruptible(noticed: Callable[[], None] = lambda: None) -> Iterator[thread
 
     def note(number: int, frame: FrameType | None) -> None:
         event.set()
-        noticed()
-        signal.signal(number, before[signal.Signals(number)])
+        with suppress(OSError):  # the terminal that is told may be the one that has gone
+            noticed()
+        if signal.Signals(number).name != "SIGHUP":  # a terminal that closes sends it twice
+            signal.signal(number, before[signal.Signals(number)])
 
     for number in before:
         signal.signal(number, note)

@@ -51,6 +51,8 @@ def _plain(name: str, value: Any, where: str) -> Any:
     is_text, is_number = isinstance(value, str), isinstance(value, int | float) and not isinstance(value, bool)
     if (wanted == TEXT and not is_text) or (wanted == NUMBER and not is_number):
         raise InputError(f"{where}: the attribute {name} is {_shown(value)}; expected {wanted}: correct or remove it")
+    if is_number and isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise InputError(f"{where}: the attribute {name} is {_shown(value)}; expected at most 64 bits: correct or remove it")
     if wanted == NUMBER and not np.isfinite(value):
         raise InputError(f"{where}: the attribute {name} is {value}; expected a finite number: correct or remove it")
     if is_text:
@@ -61,8 +63,6 @@ def _plain(name: str, value: Any, where: str) -> Any:
             f"{where}: the attribute {name} is {_shown(value)}; expected text, a number, or a list of one of them: change or"
             " remove it"
         )
-    if is_number and isinstance(value, int) and not -(2**63) <= value < 2**63:
-        raise InputError(f"{where}: the attribute {name} is {_shown(value)}; expected at most 64 bits: correct or remove it")
     return value
 
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from cellpilot.evaluate import Evaluation, HandoverRule, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.experiment import make_policies, make_world
+from cellpilot.policies import PolicyParameters
 from cellpilot.provenance import digest, versions
 from cellpilot.runs.folder import Run
 from cellpilot.runs.origin import map_digest, policy_digest
@@ -27,8 +29,9 @@ def evaluate_run(
     """Evaluate baseline, optima and the learned policy on the run's map (or another of the same grid)."""
     settings, task = run.scenario.evaluation, run.scenario.task
     world = run.world if radio_map is None else make_world(radio_map, task.noise_std_db, run.scenario.airspace)
-    policies = make_policies(world, run.task, settings.boltzmann_temperature, run.parameters())
-    return evaluate(
+    parameters = run.parameters()
+    policies = make_policies(world, run.task, settings.boltzmann_temperature, parameters)
+    evaluation = evaluate(
         world,
         run.task,
         policies,
@@ -40,13 +43,18 @@ def evaluate_run(
         rule=HandoverRule(settings.speed_mps, settings.hysteresis_db, settings.time_to_trigger_s),
         progress=progress,
     )
+    return replace(evaluation, made_from=_made_from(run, parameters))
 
 
 def made_from(run: Run) -> dict[str, str]:
     """What an evaluation of the run depends on, by name: digests of policy, map, task and settings, and the version."""
+    return _made_from(run, run.parameters())
+
+
+def _made_from(run: Run, parameters: PolicyParameters | None) -> dict[str, str]:
     of_text = lambda text: digest([np.frombuffer(text.encode(), np.uint8)])
     return {
-        "policy": policy_digest(run.parameters()),
+        "policy": policy_digest(parameters),
         "map": map_digest(run.radio_map),
         "task": of_text(
             run.scenario.task.model_dump_json() + run.scenario.airspace.model_dump_json() + json.dumps(run.task.as_dict())
@@ -129,7 +137,7 @@ def save_evaluation(run: Run, evaluation: Evaluation) -> Path:
             "task": json.dumps(run.task.as_dict()),
             "airspace": run.scenario.airspace.model_dump_json(),
             "noise_std_db": run.world.signal.noise_std_db,
-            "made_from": json.dumps(made_from(run)),
+            "made_from": json.dumps(evaluation.made_from),
         },
     )
     path = run.folder / "eval.nc"

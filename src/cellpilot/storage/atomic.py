@@ -40,7 +40,7 @@ def write_atomically(path: Path, content: bytes | str) -> None:
 def remove_leftovers(path: Path) -> None:
     """Delete the temporary files of `path` that no living writer holds."""
     for entry in path.parent.iterdir():
-        if not entry.name.startswith(TEMPORARY) or not entry.name.endswith(path.name) or not entry.is_file():
+        if not entry.name.startswith(TEMPORARY) or not entry.name.endswith(f"-{path.name}") or not entry.is_file():
             continue
         try:
             descriptor = os.open(entry, os.O_RDWR | NO_FOLLOW)

@@ -24,17 +24,28 @@ def new_folder(path: Path) -> Iterator[Path]:
     with complaints(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(path)
-        temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{path.name}")
-        temporary.mkdir()
-        held = os.open(temporary, os.O_RDONLY)
+        temporary, held = _create_beside(path)
         try:
-            lock(held)
             yield temporary
             with _one_at_a_time(path.parent):
                 _replace(path, temporary)
         finally:
             os.close(held)
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _create_beside(path: Path) -> tuple[Path, int]:
+    """A new, locked folder of a name that nobody else has; another writer may have taken one for a leftover before the lock."""
+    while True:
+        temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{path.name}")
+        temporary.mkdir()
+        try:
+            held = os.open(temporary, os.O_RDONLY)
+        except FileNotFoundError:
+            continue
+        if lock(held) and temporary.exists():
+            return temporary, held
+        os.close(held)
 
 
 def _replace(path: Path, temporary: Path) -> None:
@@ -55,7 +66,10 @@ def _replace(path: Path, temporary: Path) -> None:
 def _remove_leftovers(path: Path) -> None:
     for entry in path.parent.iterdir():
         if entry.name.startswith(TEMPORARY) and entry.name.endswith(f"-{path.name}") and entry.is_dir():
-            held = os.open(entry, os.O_RDONLY)
+            try:
+                held = os.open(entry, os.O_RDONLY)
+            except OSError:
+                continue  # renamed or removed in between
             try:
                 if lock(held):
                     shutil.rmtree(entry, ignore_errors=True)

@@ -47,10 +47,11 @@ def _take(folder: Path) -> int:
             os.close(descriptor)
             raise InputError(f"{folder} is in use by process {holder}: wait until it has ended, or choose another folder")
         # The one that had it may have taken the file away in between.
-        with suppress(OSError):
+        with suppress(FileNotFoundError):
             if os.path.samestat(os.stat(path), os.fstat(descriptor)):
-                os.truncate(descriptor, 0)
-                os.write(descriptor, f"{os.getpid()}\n".encode())
+                with suppress(OSError):  # a full disk: the lock holds without the number, and what is written next says so
+                    os.truncate(descriptor, 0)
+                    os.write(descriptor, f"{os.getpid()}\n".encode())
                 return descriptor
         os.close(descriptor)
 

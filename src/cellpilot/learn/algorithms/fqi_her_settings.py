@@ -58,11 +58,17 @@ class FQIHER:
 
     def check_fits(self, task: Task, n_seeds: int = 1) -> None:
         """`InputError` for rewards under which the distance to the goal does not bound the value from above."""
-        if not (task.rho_goal >= 0 and task.rho_step < 0 and task.rho_sinr <= 0 and task.rho_blocked <= 0):
+        if task.more:
             raise InputError(
-                "fqi-her needs rho_goal >= 0, rho_step < 0, rho_sinr <= 0 and rho_blocked <= 0, since it bounds values by the "
-                f"distance to the goal; found {task.rho_goal:g}, {task.rho_step:g}, {task.rho_sinr:g}, {task.rho_blocked:g}: "
-                "change the rewards or use ddqn-her"
+                f"fqi-her cannot train with the reward {task.more[0].name!r}: its policy computes rewards where it flies, and a"
+                " file holds no function; use ddqn-her"
+            )
+        penalties = (task.rho_sinr, task.rho_blocked, task.rho_end)
+        if not (task.rho_goal >= 0 and task.rho_step < 0 and max(penalties) <= 0):
+            found = ", ".join(f"{reward:g}" for reward in (task.rho_goal, task.rho_step, *penalties))
+            raise InputError(
+                "fqi-her needs rho_goal >= 0, rho_step < 0 and rho_sinr, rho_blocked, rho_end <= 0, since it bounds values by"
+                f" the distance to the goal; found {found}: change the rewards or use ddqn-her"
             )
 
     def kept_bytes(self, sides: Sides) -> int:
