@@ -1,11 +1,9 @@
 """A terminal that closes, a reader that goes, a disk without a single free block: the work is kept."""
 
-import fcntl
 import os
 import pty
 import subprocess
 import sys
-import termios
 import time
 from pathlib import Path
 
@@ -22,14 +20,11 @@ COMMAND = (sys.executable, "-c", "import sys; from cellpilot.cli.main import mai
 
 def test_a_training_whose_terminal_closes_is_saved(tmp_path: Path) -> None:
     master, slave = pty.openpty()
-
-    def own_terminal() -> None:
-        os.setsid()
-        fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
-
+    # The first terminal that a new session opens is its own.
+    program = "import os; os.open(os.ttyname(0), os.O_RDWR); " + COMMAND[-1]
     words = ["train", "quick", "--out", "r", "--learner.rounds", "100000"]
     training = subprocess.Popen(
-        [*COMMAND, *words], cwd=tmp_path, stdin=slave, stdout=slave, stderr=slave, preexec_fn=own_terminal, close_fds=True
+        [*COMMAND[:-1], program, *words], cwd=tmp_path, stdin=slave, stdout=slave, stderr=slave, start_new_session=True
     )
     os.close(slave)
     shown, until = b"", time.monotonic() + 120
