@@ -2,6 +2,7 @@
 
 import os
 import pty
+import select
 import subprocess
 import sys
 import time
@@ -23,13 +24,22 @@ def test_a_training_whose_terminal_closes_is_saved(tmp_path: Path) -> None:
     # The first terminal that a new session opens is its own.
     program = "import os; os.open(os.ttyname(0), os.O_RDWR); " + COMMAND[-1]
     words = ["train", "quick", "--out", "r", "--learner.rounds", "100000"]
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": "200"}
     training = subprocess.Popen(
-        [*COMMAND[:-1], program, *words], cwd=tmp_path, stdin=slave, stdout=slave, stderr=slave, start_new_session=True
+        [*COMMAND[:-1], program, *words],
+        cwd=tmp_path,
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        start_new_session=True,
+        env=environment,
     )
     os.close(slave)
     shown, until = b"", time.monotonic() + 120
     while b"return" not in shown and time.monotonic() < until:
-        shown += os.read(master, 1000)
+        if select.select([master], [], [], 1.0)[0]:
+            shown += os.read(master, 1000)
+    assert b"return" in shown
     os.close(master)
     assert training.wait(60) == 130
     assert (tmp_path / "r" / "state.safetensors").is_file()
