@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
-from cellpilot.scenario.base import Count, NonNegative, Positive, Settings
+from cellpilot.settings import Count, NonNegative, Positive, Settings
 
 ALGORITHM_HELP = "ddqn-her (as published) or fqi-her (near-exact); given with --help, the settings shown are its own"
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import tyro
 from pydantic import Field, Strict, model_validator
 
-from cellpilot.scenario.base import Count, Finite, Floats, NonNegative, Pair, Paths, Positive, Settings
+from cellpilot.settings import Count, Finite, Floats, NonNegative, Pair, Paths, Positive, Settings
 
 
 class SimulatedMap(Settings):

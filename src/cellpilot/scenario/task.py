@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cellpilot.airspace import Rule
-from cellpilot.scenario.base import Cell, Finite, NonNegative, Positive, Settings
+from cellpilot.settings import Cell, Finite, NonNegative, Positive, Settings
 
 
 class RewardSettings(Settings):

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, ValidationError
 
 from cellpilot.errors import InputError
-from cellpilot.scenario.base import Settings
 from cellpilot.scenario.learner import LEARNERS, AnyLearnerSettings, LearnerSettings
 from cellpilot.scenario.maps import MapSettings, SimulatedMap
 from cellpilot.scenario.task import AirspaceSettings, EvaluationSettings, TaskSettings
+from cellpilot.settings import Settings
 from cellpilot.storage import read_text
 
 

@@ -1,4 +1,4 @@
-"""What all sections of a scenario share: the base of their classes, and the types of their fields."""
+"""What every person-written section of settings is made of: the base class, and the types of the fields."""
 
 from pathlib import Path
 from typing import Annotated
