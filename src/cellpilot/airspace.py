@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid, IntArray, Position
+from cellpilot.maps.reasons import MARKED, Reason
 
 MOVED, BORDER, STOPPED, ENTERED, MASKED = range(5)
 """What became of a move: flown; kept in place by the border of the grid; kept in place by a blocked cell; flown into a blocked
@@ -85,17 +86,6 @@ def usual_moves(grid: Grid) -> Moves:
 
 
 @dataclass(frozen=True)
-class Reason:
-    """Why a cell may not be entered."""
-
-    name: str
-    source: str = ""  # the file or rule that says so
-
-
-NOT_TO_BE_ENTERED = Reason("marked in the map")
-
-
-@dataclass(frozen=True)
 class Airspace:
     """Cells that may be entered, the moves between them, and what a forbidden move does.
 
@@ -105,7 +95,7 @@ class Airspace:
 
     grid: Grid
     reason: NDArray[np.uint8]  # [n_cells] 0 = free, else 1 + the index in `reasons`
-    reasons: tuple[Reason, ...] = (NOT_TO_BE_ENTERED,)
+    reasons: tuple[Reason, ...] = (MARKED,)
     rule: Rule = "stay"
     moves: Moves = MOVE_SETS[4]
 
@@ -240,7 +230,8 @@ class Airspace:
         if start is not None and start == goal:
             raise InputError(f"start and goal are both {start}; choose two different cells")
         if not np.isin(self.part[starts], self.part[goals]).any():
-            raise InputError(f"no route from {start} to {goal}: blocked cells cut them apart")
+            used = ", ".join(self.reasons[code - 1].name for code in np.unique(self.reason[self.blocked]))
+            raise InputError(f"no route from {start} to {goal}: blocked cells cut them apart ({used})")
         return starts, goals
 
     def draw_pairs(self, rng: np.random.Generator, n: int, starts: IntArray, goals: IntArray) -> tuple[IntArray, IntArray]:
@@ -261,5 +252,5 @@ class Airspace:
             return cell.reshape(1)
         near = self.grid.position(self.free_cells[self.grid.manhattan(self.free_cells, cell).argmin()])
         free, reason = ",".join(str(i) for i in near), self.reason_of(int(cell))
-        why = "cut off from all other free cells" if reason is None else f"blocked ({reason.name})"
-        raise InputError(f"the {what} {position} is {why}: choose a free cell, the nearest is {free}")
+        why = "is cut off from all other free cells" if reason is None else f"lies in a blocked cell ({reason})"
+        raise InputError(f"the {what} {position} {why}: choose a free cell, the nearest is {free}")

@@ -13,6 +13,7 @@ from scipy.special import ndtr
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
+from cellpilot.maps.reasons import blocked_cells
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -97,7 +98,7 @@ class Signal:
         from cellpilot.maps.sectors import sector_levels
 
         check_noise(noise_std_db)
-        blocked = radio_map["blocked"].values.ravel()
+        blocked = blocked_cells(radio_map).ravel()
         mean_db = radio_map["sinr_db"].values.ravel().astype(np.float32)
         std_db = np.nan_to_num(radio_map["sinr_std_db"].values.ravel()).astype(np.float32)
         serving = radio_map["serving_sector"].values.ravel().astype(np.int32) if "serving_sector" in radio_map else None

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cellpilot.airspace import MOVE_SETS, Airspace, Rule
+from cellpilot.airspace import MOVE_SETS, Airspace, Rule, usual_moves
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
+from cellpilot.maps.reasons import reasons_of
 from cellpilot.signal import Signal, check_noise
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ class World:
     ) -> "World":
         """The world of a `RadioMap`; `n_moves` names a move set (None = 4 on one height, 6 on several)."""
         grid = Grid(*(tuple(float(v) for v in radio_map[axis].values) for axis in "xyz"))
-        moves = None if n_moves is None else MOVE_SETS[n_moves]
-        airspace = Airspace.of_blocked(grid, radio_map["blocked"].values.ravel(), rule, moves)
+        moves = usual_moves(grid) if n_moves is None else MOVE_SETS[n_moves]
+        airspace = Airspace(grid, radio_map["blocked_reason"].values.ravel(), reasons_of(radio_map), rule, moves)
         return cls(airspace, Signal.from_map(radio_map, grid, noise_std_db))
 
     def __post_init__(self) -> None:

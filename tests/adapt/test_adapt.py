@@ -123,7 +123,7 @@ def test_the_truth_is_certain_and_holes_of_a_are_no_holes() -> None:
     a, b = hills(level_db=5.0), hills()
     a["sinr_db"].values[0, 2, 3] = np.nan
     b["sinr_std_db"].values[:] = 1.5
-    b["blocked"].values[0, 7, 7] = True
+    b["blocked_reason"].values[0, 7, 7] = 1
     transfer = make_transfer(a, b, TASK, 2.0)
     assert not transfer.truth.signal.std_db.any()
     assert transfer.truth.signal.noise_std_db == transfer.prepared.signal.noise_std_db == 2.0
@@ -167,7 +167,7 @@ def test_a_right_prior_is_near_the_optimum_before_the_first_flight() -> None:
 
 def test_how_like_two_maps_are() -> None:
     a, b = hills(level_db=-4.0), hills()
-    b["blocked"].values[0, 7, 7] = True
+    b["blocked_reason"].values[0, 7, 7] = 1
     b["sinr_db"].values[0, 7, 7] = 1_000.0  # no cell to fly in: it does not count
     like = likeness(make_transfer(a, b, TASK, 0.0))
     assert like["correlation"] == pytest.approx(1.0, abs=1e-6)

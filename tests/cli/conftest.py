@@ -42,7 +42,7 @@ def _template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     blocked = np.zeros((1, 4, 4), bool)
     blocked[0, 1, 1] = True
     save_map(make_map(sinr_db, x_m=coordinates, y_m=coordinates, z_m=[30.0], source="test"), folder / "plain.nc")
-    wall = make_map(sinr_db, x_m=coordinates, y_m=coordinates, z_m=[30.0], source="test", blocked=blocked)
+    wall = make_map(sinr_db, x_m=coordinates, y_m=coordinates, z_m=[30.0], source="test", blocked_reason=blocked)
     save_map(wall, folder / "blocked.nc")
     larger = np.arange(5) * 100.0
     larger_db = np.full((1, 5, 5), 10.0)

@@ -23,7 +23,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     blocked = np.zeros((1, 4, 4), bool)
     blocked[0, 1:3, 1] = True
     axes = {"x_m": np.arange(4) * 20.0, "y_m": np.arange(4) * 20.0, "z_m": [30.0], "source": "test"}
-    known = {"sinr_std_db": 2.5, "count": np.arange(16).reshape(1, 4, 4), "filled": sinr_db > 12, "blocked": blocked}
+    known = {"sinr_std_db": 2.5, "count": np.arange(16).reshape(1, 4, 4), "filled": sinr_db > 12, "blocked_reason": blocked}
     save_map(make_map(sinr_db, **axes, **known, anchor=Anchor(50, 7)), tmp_path / "map.nc")
     save_map(make_map(sinr_db, **axes), tmp_path / "nowhere.nc")
     profile = {"count": 2, "height": 4, "width": 4, "dtype": "float32", "crs": "EPSG:4326"}
@@ -54,7 +54,7 @@ def test_a_plan_on_a_raster_keeps_away_from_what_is_forbidden(desk: Path, cli: C
 
 
 def test_one_variable(desk: Path, cli: Cli) -> None:
-    for name in ("sinr_db", "sinr_std_db", "blocked"):
+    for name in ("sinr_db", "sinr_std_db", "blocked_reason"):
         assert cli("map", "convert", "map.nc", f"{name}.tif", "--variable", name).code == 0
         with rasterio.open(desk / f"{name}.tif") as file:
             np.testing.assert_array_equal(file.read(), load_map(desk / "map.nc")[name].values[:, ::-1])
@@ -64,7 +64,7 @@ def test_heights_of_a_raster_from_elsewhere(desk: Path, cli: Cli) -> None:
     assert cli("map", "convert", "raster.tif", "new.nc", "--heights-m", "30", "45.5").code == 0
     new = load_map(desk / "new.nc")
     assert new["z"].values.tolist() == [30.0, 45.5]
-    assert not new["blocked"].any()
+    assert not new["blocked_reason"].any()
     assert cli("map", "convert", "new.nc", "new.tif").code == 0
     assert cli("map", "convert", "new.tif", "again.nc", "--heights-m", "30", "45.5").code == 0
     assert load_map(desk / "again.nc").identical(new)

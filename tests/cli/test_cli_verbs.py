@@ -80,7 +80,7 @@ def test_run_on_a_measured_log_trains_the_near_exact_learner(log: Path, place: P
     assert load_map(place / "new" / "map.nc").attrs["source"] == "measured log"
     page = (place / "new" / "report.html").read_text()
     assert "<dt>learner</dt><dd>fqi-her</dd>" in page
-    y, x = np.nonzero(~load_map(place / "new" / "map.nc")["blocked"].values[0])
+    y, x = np.nonzero(load_map(place / "new" / "map.nc")["blocked_reason"].values[0] == 0)
     places = ("--start", f"{x[0]},{y[0]},0", "--goal", f"{x[-1]},{y[-1]},0")
     route = strict_json(cli("plan", "new", *places, "--policy", "learned", "--json").out)
     assert route["policy"] == "learned/argmax"

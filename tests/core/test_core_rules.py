@@ -90,7 +90,7 @@ def test_a_blocked_cell_keeps_its_reason() -> None:
     airspace = Airspace(grid, np.array([0, 0, 2], np.uint8), reasons)
     assert airspace.reason_of(2) == reasons[1]
     assert airspace.reason_of(0) is None
-    with pytest.raises(InputError, match=r"goal .* is blocked \(building\)"):
+    with pytest.raises(InputError, match=r"goal .* lies in a blocked cell \(building, houses\.geojson\)"):
         airspace.start_goal_cells(None, (2, 0, 0))
     with pytest.raises(InputError, match="at most 1"):
         Airspace(grid, np.array([0, 0, 2], np.uint8), reasons[:1])

@@ -130,8 +130,13 @@ def dataset(blocked: np.ndarray, sinr: np.ndarray) -> xr.Dataset:
     nz, ny, nx = sinr.shape
     dims = ("z", "y", "x")
     return xr.Dataset(
-        {"sinr_db": (dims, sinr), "sinr_std_db": (dims, np.full(sinr.shape, np.nan)), "blocked": (dims, blocked)},
+        {
+            "sinr_db": (dims, sinr),
+            "sinr_std_db": (dims, np.full(sinr.shape, np.nan)),
+            "blocked_reason": (dims, blocked.astype(np.uint8)),
+        },
         {"x": np.arange(nx) * 20.0, "y": np.arange(ny) * 30.0, "z": 30.0 + np.arange(nz) * 20.0},
+        {"blocked_reasons": '[{"name": "no measurement"}]'},
     )
 
 

@@ -41,7 +41,7 @@ def map_file(tmp_path: Path) -> Path:
         y_m=np.arange(3) * 20.0,
         z_m=[30.0],
         source="test",
-        blocked=blocked,
+        blocked_reason=blocked,
     )
     save_map(radio_map, tmp_path / "map.nc")
     return tmp_path / "map.nc"
@@ -263,7 +263,7 @@ def test_places_can_be_given_for_one_flight(make_world: MakeWorld) -> None:
     assert _position(observation["desired_goal"], (4, 3, 1)) == (0, 1, 0)
     assert len({repr(env.reset()[0]) for _ in range(20)}) > 10
     for options, named in (
-        ({"start": (1, 1, 0)}, r"start \(1, 1, 0\) is blocked"),
+        ({"start": (1, 1, 0)}, r"start \(1, 1, 0\) lies in a blocked cell \(marked in the map\)"),
         ({"goal": (4, 0, 0)}, r"goal \(4, 0, 0\) is not on the grid"),
         ({"goal": (0, 0)}, r"\(0, 0\) is no position"),
         ({"goal": "here"}, "'here' is no position"),

@@ -47,7 +47,7 @@ def test_a_simulation_that_is_right_but_for_level_and_spread_becomes_right_every
     wrong["sinr_db"].values = 2.5 * truth["sinr_db"].values - 7
     measured = truth.copy(deep=True)
     measured["sinr_db"].values[0, 0, 4:] = NAN
-    measured["blocked"].values[0, 0, 4:] = True
+    measured["blocked_reason"].values[0, 0, 4:] = 1
     result = calibrate(wrong, measured)
     assert result.cells == 4
     np.testing.assert_allclose(result.radio_map["sinr_db"].values, truth["sinr_db"].values, atol=1e-5)

@@ -13,10 +13,23 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cellpilot.errors import InputError
-from cellpilot.maps import Anchor, RadioMap, anchor_of, load_map, make_map, save_map
+from cellpilot.maps import Anchor, RadioMap, anchor_of, fill, load_map, make_map, save_map
 from cellpilot.maps.formats.cells import VARIABLES
+from cellpilot.maps.reasons import (
+    IN_FILE,
+    IN_FILE_WITHOUT_SINR,
+    INSIDE_BUILDING,
+    NO_SINR,
+    Reason,
+    blocked_cells,
+    reasons_of,
+    reasons_text,
+)
 from cellpilot.maps.text_table import Column, open_table
 
+TEXT = st.text(st.characters(exclude_categories=["C"]), max_size=20)
+HEIGHT_M = st.none() | st.floats(-100, 10_000) | st.integers(-100, 10_000)
+REASON = st.builds(Reason, TEXT, TEXT, HEIGHT_M, HEIGHT_M, TEXT, TEXT, st.booleans())
 LEVEL = st.floats(-60, 60, width=32) | st.just(float("nan"))
 
 
@@ -28,8 +41,10 @@ def radio_maps(draw: st.DrawFn) -> RadioMap:
     step_m = draw(st.floats(0.1, 1000))
     n_sectors = draw(st.integers(1, 3))
     unknown = draw(st.sampled_from(["blocked", "bad"]))
-    blocked = draw(arrays(np.bool_, shape)) | (np.isnan(sinr_db) & (unknown == "blocked"))
-    blocked.flat[0] = False
+    reasons = tuple(draw(st.lists(REASON, min_size=1, max_size=4)))
+    least = (np.isnan(sinr_db) & (unknown == "blocked")).astype(np.uint8)
+    blocked_reason = np.maximum(draw(arrays(np.uint8, shape, elements=st.integers(0, len(reasons)))), least)
+    blocked_reason.flat[0] = 0
     return make_map(
         sinr_db,
         x_m=step_m * np.arange(shape[2]),
@@ -39,7 +54,8 @@ def radio_maps(draw: st.DrawFn) -> RadioMap:
         sinr_std_db=draw(arrays(np.float32, shape, elements=st.floats(0, 9, width=32))),
         count=draw(arrays(np.int32, shape, elements=st.integers(0, 2**31 - 1))),
         filled=draw(arrays(np.bool_, shape)),
-        blocked=blocked,
+        blocked_reason=blocked_reason,
+        reasons=reasons,
         optional={"rsrp_dbm": np.full((n_sectors, *shape), -80.0), "serving_sector": n_sectors - 1},
         sectors={"sector_name": np.array([f"Nö {i}" for i in range(n_sectors)]), "sector_x_m": np.arange(n_sectors)},
         anchor=draw(st.none() | st.builds(Anchor, st.floats(-89, 89), st.floats(-180, 180))),
@@ -135,18 +151,52 @@ def test_the_variable_at_fault_in_a_file_is_named(small_map: RadioMap, tmp_path:
         load_map(tmp_path / "map.nc")
 
 
+@pytest.mark.parametrize("suffix", [".nc", ".zarr", ".csv", ".tif"])
+def test_reasons_survive_every_format(small_map: RadioMap, tmp_path: Path, suffix: str) -> None:
+    small_map["blocked_reason"].values[0, 0] = [2, 3, 0, 0]
+    airport = Reason("control zone", "lba.geojson", 0.0, 450, "above the ground", "Mon-Fri", False)
+    table = reasons_text((NO_SINR, INSIDE_BUILDING, airport, Reason("of no cell")))
+    there = small_map.assign_attrs(blocked_reasons=table, anchor_latitude_deg=50.0, anchor_longitude_deg=7.0)
+    save_map(there, tmp_path / f"map{suffix}")
+    loaded = load_map(tmp_path / f"map{suffix}")
+    xr.testing.assert_identical(loaded, there)
+    assert reasons_of(loaded)[2] == airport
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".csv"])
+def test_a_map_of_schema_version_1_has_two_reasons(small_map: RadioMap, tmp_path: Path, suffix: str) -> None:
+    small_map["blocked_reason"].values[0, 0, 0] = 1
+    path = tmp_path / f"map{suffix}"
+    if suffix == ".nc":
+        old = small_map.drop_vars("blocked_reason").assign(blocked=small_map["blocked_reason"] > 0)
+        del old.attrs["blocked_reasons"]
+        old.assign_attrs(schema_version=1).to_netcdf(path, engine="h5netcdf")
+    else:
+        lines = ["x_m,y_m,z_m,sinr_db,blocked"]
+        for z, y, x in np.ndindex(small_map["sinr_db"].shape):
+            sinr_db, blocked = small_map["sinr_db"].values[z, y, x], int(small_map["blocked_reason"].values[z, y, x])
+            lines.append(f"{20 * x},{20 * y},{30 + 20 * z},{'' if np.isnan(sinr_db) else sinr_db},{blocked}")
+        path.write_text('# cellpilot map {"schema_version": 1, "source": "test"}\n' + "\n".join(lines) + "\n")
+    loaded = load_map(path)
+    assert loaded.attrs["schema_version"] == 2
+    assert reasons_of(loaded) == (IN_FILE, IN_FILE_WITHOUT_SINR)
+    assert loaded["blocked_reason"].values.ravel().nonzero()[0].tolist() == [0, 6, 18]
+    assert loaded["blocked_reason"].values.ravel()[[0, 6, 18]].tolist() == [1, 2, 2]
+    assert not blocked_cells(fill(loaded, 25.0)).ravel()[[6, 18]].any()
+
+
 def test_a_csv_made_elsewhere(tmp_path: Path) -> None:
     path = tmp_path / "map.csv"
     path.write_text("x_m,y_m,z_m,sinr_db\n0,0,30,5\n20,0,30,-3.5\n0,20,30,7\n")
     dataset = load_map(path)
     assert dataset.sizes == {"z": 1, "y": 2, "x": 2}
-    assert dataset["blocked"].values.tolist() == [[[False, False], [False, True]]]
+    assert blocked_cells(dataset).tolist() == [[[False, False], [False, True]]]
     path.write_text("x_m,y_m,z_m,sinr_db\n0,0,30,5\n20,0,30,-3.5\n0,0,30,7\n")
     with pytest.raises(InputError, match=r"map\.csv, line 4: the cell at \[0\.0, 0\.0, 30\.0\] is there already"):
         load_map(path)
     path.write_text("x_m,y_m,z_m,sinr_db,count,blocked\n0,0,30,5,,0\n20,0,30,-3.5,2,0\n0,20,30,7,1,\n20,20,30,7,1,0\n")
     assert load_map(path)["count"].values.tolist() == [[[0, 2], [1, 1]]]
-    assert load_map(path)["blocked"].values.tolist() == [[[False, False], [True, False]]]
+    assert blocked_cells(load_map(path)).tolist() == [[[False, False], [True, False]]]
     path.write_text("x,y,z,sinr_db\n0,0,30,5\n")
     with pytest.raises(InputError, match=r"line 1: no column 'x_m'"):
         load_map(path)

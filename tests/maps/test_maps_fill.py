@@ -10,6 +10,7 @@ from cellpilot.errors import InputError
 from cellpilot.maps import RadioMap, fill, grid_samples, make_map
 from cellpilot.maps.estimate.fill import measured_cells
 from cellpilot.maps.estimate.methods import Known, gaussian_process
+from cellpilot.maps.reasons import INSIDE_BUILDING, NO_SINR, blocked_cells, reasons_text
 
 
 def build(sinr_db: np.ndarray, bin_m: float = 20.0) -> RadioMap:
@@ -39,7 +40,7 @@ def test_against_all_pairs(sinr_db: np.ndarray, radius_m: float, power: float) -
         if np.isnan(sinr_db[iz, iy, ix]):
             np.testing.assert_allclose(cell["sinr_db"].item(), mean_db, atol=1e-4)
             assert cell["filled"].item() == (not np.isnan(mean_db))
-            assert cell["blocked"].item() == np.isnan(mean_db)
+            assert blocked_cells(cell).item() == np.isnan(mean_db)
         else:
             assert cell["sinr_db"].item() == sinr_db[iz, iy, ix]
             assert not cell["filled"].item()
@@ -59,7 +60,7 @@ def test_filling_is_recorded_and_counts_no_samples() -> None:
     result = fill(before, 20.0)
     assert result["filled"].values.ravel().tolist() == [False, True, False, True, False, False, False]
     assert result["sinr_db"].values.ravel()[[1, 3]].tolist() == [2.0, 3.0]
-    assert result["blocked"].values.ravel().tolist() == [False] * 4 + [True] * 3
+    assert blocked_cells(result).ravel().tolist() == [False] * 4 + [True] * 3
     assert result["count"].values.ravel().tolist() == [3, 0, 3, 0, 0, 0, 0]
     assert (result.attrs["fill_radius_m"], result.attrs["fill_power"]) == (20.0, 2.0)
     assert "inverse distance" in result.attrs["fill_method"]
@@ -73,9 +74,19 @@ def test_what_was_filled_is_no_source_of_the_next_filling() -> None:
     assert fill(line(1.0, np.nan, np.nan, np.nan), 20.0)["sinr_db"].values.ravel()[2:].tolist() != [1.0, 1.0]
 
 
+def test_only_cells_that_lack_data_become_free() -> None:
+    before = line(1.0, np.nan, np.nan, 3.0)
+    before["blocked_reason"].values[0, 0, 2] = 2
+    before.attrs["blocked_reasons"] = reasons_text((NO_SINR, INSIDE_BUILDING))
+    for unknown in ("blocked", "bad"):
+        result = fill(before, 20.0, unknown=unknown)
+        assert result["filled"].values.ravel().tolist() == [False, True, True, False]
+        assert result["blocked_reason"].values.ravel().tolist() == [0, 0, 2, 0]
+
+
 def test_unknown_bad_leaves_the_rest_free() -> None:
     result = fill(line(1.0, np.nan, np.nan, np.nan), 20.0, unknown="bad")
-    assert not result["blocked"].values.any()
+    assert not blocked_cells(result).any()
     assert np.isnan(result["sinr_db"].values).sum() == 2
     assert result.attrs["unknown"] == "bad"
 

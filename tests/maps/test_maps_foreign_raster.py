@@ -11,6 +11,7 @@ from pyproj import Transformer
 
 from cellpilot.errors import InputError
 from cellpilot.maps import RadioMap, anchor_of, load_map, to_degrees, to_local
+from cellpilot.maps.reasons import blocked_cells
 
 PIXELS = np.arange(200, dtype=np.float32).reshape(1, 10, 20)
 UTM = "EPSG:32629"
@@ -97,7 +98,7 @@ def test_a_cell_of_a_turned_raster_has_the_pixel_of_its_centre(tmp_path: Path, a
     inside = (column >= 0) & (column < 20) & (row >= 0) & (row < 10)
     expected = np.where(inside, PIXELS[0, np.clip(row, 0, 9), np.clip(column, 0, 19)], np.nan)
     np.testing.assert_array_equal(dataset["sinr_db"].values[0], expected)
-    np.testing.assert_array_equal(dataset["blocked"].values[0], ~inside)
+    np.testing.assert_array_equal(blocked_cells(dataset)[0], ~inside)
     assert inside[:, 1:-1].any(axis=0).all()  # no margin of empty cells, but for what keeps an even number even
     assert inside[1:-1].any(axis=1).all()
     assert np.isin(PIXELS, expected).mean() >= (1.0 if angle_deg == 90 else 0.7)
@@ -113,7 +114,7 @@ def test_beyond_a_raster_nothing_is_free(tmp_path: Path) -> None:
         file.update_tags(CELLPILOT=json.dumps({"x": [0, 1], "y": [0, 1], "variables": ["sinr_db"], "attrs": attributes}))
     dataset = load_map(tmp_path / "a.tif")
     assert dataset.attrs["unknown"] == "bad"
-    blocked, unknown = dataset["blocked"].values[0], np.isnan(dataset["sinr_db"].values[0])
+    blocked, unknown = blocked_cells(dataset)[0], np.isnan(dataset["sinr_db"].values[0])
     assert blocked[[0, 0, -1, -1], [0, -1, 0, -1]].all()
     assert (unknown & ~blocked).any()  # the hole, in the middle
     assert (unknown & ~blocked).sum() < 5

@@ -14,6 +14,7 @@ from pyproj import Geod
 
 from cellpilot.errors import InputError
 from cellpilot.maps import Anchor, RadioMap, anchor_of, load_map, make_map, save_map, simulate_map, to_degrees, to_local
+from cellpilot.maps.reasons import INSIDE_BUILDING, NO_MEASUREMENT
 from cellpilot.radio import hexagonal_deployment
 
 ANCHOR = Anchor(51.9, -8.4)
@@ -25,8 +26,8 @@ def anchored() -> RadioMap:
     rng = np.random.default_rng(0)
     sinr_db = rng.normal(0, 8, (2, 3, 4)).astype(np.float32)
     sinr_db[:, 1, 2] = np.nan
-    blocked = np.isnan(sinr_db)
-    blocked[1, 0, 0] = True
+    blocked_reason = np.where(np.isnan(sinr_db), 1, 0)
+    blocked_reason[1, 0, 0] = 2
     return make_map(
         sinr_db,
         x_m=np.arange(4) * 20.0 - 30,
@@ -36,7 +37,8 @@ def anchored() -> RadioMap:
         sinr_std_db=np.where(np.isnan(sinr_db), np.nan, 0.5).astype(np.float32),
         count=rng.integers(0, 9, (2, 3, 4)),
         filled=rng.random((2, 3, 4)) < 0.3,
-        blocked=blocked,
+        blocked_reason=blocked_reason,
+        reasons=(NO_MEASUREMENT, INSIDE_BUILDING),
         optional={"sinr_spread_db": np.abs(sinr_db), "serving_sector": rng.integers(-1, 3, (2, 3, 4))},
         anchor=ANCHOR,
         licence="CC0",
@@ -91,7 +93,7 @@ def test_geotiff_comes_back_equal(anchored: RadioMap, tmp_path: Path) -> None:
     with rasterio.open(tmp_path / "map.tif") as file:
         assert file.dtypes[0] == "float32"
         assert file.descriptions[:2] == ("sinr_db at 30 m", "sinr_db at 47.5 m")
-        assert "blocked at 30 m" in file.descriptions
+        assert "blocked_reason at 30 m" in file.descriptions
         assert [file.tags(band)["VARIABLE"] for band in (1, 2)] == ["sinr_db"] * 2
     plain = anchored.assign(sinr_db=anchored["sinr_db"].fillna(1.0))[["sinr_db"]]
     plain = make_map(plain["sinr_db"], x_m=plain["x"], y_m=plain["y"], z_m=plain["z"], source="test", anchor=ANCHOR)
@@ -178,7 +180,7 @@ def test_what_forbids_cells_does_not_get_lost(anchored: RadioMap, tmp_path: Path
         two.update_tags(**file.tags())
         for band, height_m in ((1, "30"), (2, "47.5")):
             two.update_tags(band, HEIGHT_M=height_m)
-    with pytest.raises(InputError, match=r"two\.tif: the bands of sinr_std_db, count, filled, blocked are missing"):
+    with pytest.raises(InputError, match=r"two\.tif: the bands of sinr_std_db, count, filled, blocked_reason are missing"):
         load_map(tmp_path / "two.tif")
     with rasterio.open(tmp_path / "map.tif") as file, rasterio.open(tmp_path / "copy.tif", "w", **file.profile) as copy:
         copy.write(file.read())
@@ -186,9 +188,9 @@ def test_what_forbids_cells_does_not_get_lost(anchored: RadioMap, tmp_path: Path
         for band in range(1, file.count + 1):
             copy.update_tags(band, **file.tags(band))
     with rasterio.open(tmp_path / "copy.tif", "r+") as file:
-        bands = [band for band in range(1, file.count + 1) if file.tags(band)["VARIABLE"] == "blocked"]
+        bands = [band for band in range(1, file.count + 1) if file.tags(band)["VARIABLE"] == "blocked_reason"]
         file.write(np.full((2, 3, 4), 0.25, np.float32), bands)
-    with pytest.raises(InputError, match=r"copy\.tif: blocked in fractions: the raster was averaged"):
+    with pytest.raises(InputError, match=r"copy\.tif: blocked_reason in fractions: the raster was averaged"):
         load_map(tmp_path / "copy.tif")
 
 

@@ -12,6 +12,7 @@ from maps_logs import HEADER, WriteLog
 from cellpilot.errors import InputError
 from cellpilot.maps import Anchor, ImportAccount, RadioMap, account_of, anchor_of, import_logs, load_map, read_log, save_map
 from cellpilot.maps.hover import densest_disc
+from cellpilot.maps.reasons import blocked_cells
 
 SYNTHETIC = [Path(str(files("cellpilot").joinpath("data", f"synthetic_{height_m}m.csv"))) for height_m in (30, 50)]
 UKM = Path(__file__).parents[2].parent / "shared" / "data" / "ukm"
@@ -147,11 +148,11 @@ def test_an_anchor_can_be_given(synthetic: RadioMap) -> None:
 
 def test_unknown_bad_and_no_filling() -> None:
     bad = import_logs(SYNTHETIC, unknown="bad")
-    assert not bad["blocked"].values.any()
+    assert not blocked_cells(bad).any()
     assert sum(level.bad for level in account_of(bad).levels) == np.isnan(bad["sinr_db"].values).sum() > 0
     unfilled = import_logs(SYNTHETIC, fill_radius_m=0.0)
     assert not unfilled["filled"].values.any()
-    assert np.array_equal(unfilled["blocked"].values, unfilled["count"].values == 0)
+    assert np.array_equal(blocked_cells(unfilled), unfilled["count"].values == 0)
 
 
 def test_standard_error_of_few_samples_is_never_zero(write_log: WriteLog) -> None:
@@ -177,7 +178,7 @@ def test_account_survives_the_file_and_reads_well(synthetic: RadioMap, tmp_path:
     )
     assert "hover found" in text[2]
     level = account.levels[0]
-    assert level.measured + level.filled + level.blocked + level.bad == synthetic["blocked"].values[0].size
+    assert level.measured + level.filled + level.blocked + level.bad == synthetic["count"].values[0].size
     for log in account.logs:
         assert log.rows == log.kept + log.rsrp_rows + sum(log.dropped.values())
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from cellpilot.errors import InputError
+from cellpilot.maps.reasons import INSIDE_BUILDING, NO_RAY, blocked_cells, reasons_of
 from cellpilot.maps.sectors import sector_levels
 from cellpilot.maps.sources import raytraced
 from cellpilot.maps.sources.raytrace_worker import column_weights
@@ -55,11 +56,12 @@ class TestPowers:
             [-80 - 10 * np.log10(mw(-80, -80 + half_db, NOISE_DBM)), np.nan, -90 - NOISE_DBM],
         ]
         np.testing.assert_allclose(radio_map["sinr_db"].values[0], expected_db, atol=1e-5)
-        assert radio_map["blocked"].values[0].tolist() == [[False, False, True], [False, True, False]]
+        assert radio_map["blocked_reason"].values[0].tolist() == [[0, 0, 2], [0, 1, 0]]
+        assert reasons_of(radio_map) == (INSIDE_BUILDING, NO_RAY)
         assert radio_map["serving_sector"].values[0].tolist() == [[0, 1, -1], [0, -1, 0]]
         rsrp_dbm = radio_map["rsrp_dbm"].values[:, 0]
         np.testing.assert_allclose(rsrp_dbm[:, 0, 0], [-60 - 10 * np.log10(600), -70 - 10 * np.log10(600), np.nan], atol=1e-5)
-        assert not radio_map["sinr_std_db"].values[~radio_map["blocked"].values].any()
+        assert not radio_map["sinr_std_db"].values[~blocked_cells(radio_map)].any()
 
     def test_unheard_sectors_disturb_nobody_in_a_world_either(self) -> None:
         deployment = three_sectors()
@@ -68,7 +70,7 @@ class TestPowers:
         )
         levels = sector_levels(radio_map)
         assert levels is not None
-        free = ~radio_map["blocked"].values.ravel()
+        free = ~blocked_cells(radio_map).ravel()
         serving = radio_map["serving_sector"].values.ravel()[free]
         sinr_db = levels[1][:, free][serving, np.arange(free.sum())]
         np.testing.assert_allclose(sinr_db, radio_map["sinr_db"].values.ravel()[free], atol=1e-4)
@@ -203,7 +205,7 @@ def test_from_path_gain_to_a_map(told: Path) -> None:
     rays = Rays(rays=1000, seed=7)
     radio_map = raytrace_map(deployment, "/some/town.xml", **PLACE, rays=rays, names=("a", "b", "c"))  # type: ignore[arg-type]
     # Below a roof, or on it; and where nothing arrives.
-    assert radio_map["blocked"].values.tolist() == [[[1, 1, 1], [1, 0, 0]], [[0, 0, 1], [0, 0, 0]]]
+    assert blocked_cells(radio_map).tolist() == [[[1, 1, 1], [1, 0, 0]], [[0, 0, 1], [0, 0, 0]]]
     low_db = 46 - 100 - 10 * np.log10(mw(40 - 120, 40 - 120, NOISE_DBM))
     high_db = 46 - 120 - 10 * np.log10(mw(40 - 120, 40 - 120, NOISE_DBM))
     sinr_db = radio_map["sinr_db"].values
@@ -266,7 +268,7 @@ def test_munich() -> None:
     radio_map = trace(1)
     assert shares == sorted(shares)
     assert (len(shares), shares[-1]) == (9, 1.0)
-    blocked, sinr_db = radio_map["blocked"].values, radio_map["sinr_db"].values
+    blocked, sinr_db = blocked_cells(radio_map), radio_map["sinr_db"].values
     assert np.isfinite(sinr_db[~blocked]).all()
     assert np.isnan(sinr_db[blocked]).all()
     assert blocked[0].mean() > 0.3
@@ -280,7 +282,7 @@ def test_munich() -> None:
     assert (radio_map["serving_sector"].values[1] == nearest)[~blocked[1]].mean() > 0.8
     # The compiler adds up rays in whatever order its threads end: the last bits differ.
     again, other = trace(1), trace(2)
-    assert (again["blocked"].values == blocked).all()
+    assert (blocked_cells(again) == blocked).all()
     np.testing.assert_allclose(again["sinr_db"].values, sinr_db, atol=1e-3)
     assert np.nanmean(np.abs(other["sinr_db"].values - sinr_db)) > 0.1
 

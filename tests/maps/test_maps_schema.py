@@ -10,19 +10,20 @@ import xarray as xr
 
 from cellpilot.errors import InputError
 from cellpilot.maps import Anchor, RadioMap, anchor_of, grid_of, make_map, validate
-from cellpilot.maps.schema import COORDINATES, FIELDS
+from cellpilot.maps.fields import COORDINATES, FIELDS
+from cellpilot.maps.reasons import blocked_cells
 
 AXES = {"x_m": [0.0, 20.0], "y_m": [0.0], "z_m": [30.0]}
 
 
 def test_unknown_cells_are_blocked_and_everything_has_units(small_map: RadioMap) -> None:
-    assert np.array_equal(small_map["blocked"].values, np.isnan(small_map["sinr_db"].values))
+    assert np.array_equal(blocked_cells(small_map), np.isnan(small_map["sinr_db"].values))
     for name, variable in small_map.variables.items():
         field = (FIELDS | COORDINATES)[str(name)]
         assert variable.dtype == field.dtype
         assert variable.attrs["units"] == field.units
         assert variable.attrs["long_name"]
-    assert small_map.attrs["schema_version"] == 1
+    assert small_map.attrs["schema_version"] == 2
     assert anchor_of(small_map) is None
     assert "datum" not in small_map.attrs
 
@@ -42,7 +43,7 @@ def test_grid_has_the_cells_of_the_map(small_map: RadioMap) -> None:
 
 def test_unknown_bad_leaves_cells_free() -> None:
     dataset = make_map([[[1.0, np.nan]]], **AXES, source="test", unknown="bad")
-    assert not dataset["blocked"].values.any()
+    assert not blocked_cells(dataset).any()
     assert dataset.attrs["unknown"] == "bad"
 
 
@@ -61,14 +62,14 @@ def test_sector_coordinates_may_arrive_as_variables() -> None:
 
 
 def with_values(name: str, value: float) -> object:
-    return lambda d: d.assign({name: xr.full_like(d[name], value, dtype=np.float64)})
+    return lambda d: d.assign({name: xr.full_like(d["sinr_db" if name == "blocked" else name], value, dtype=np.float64)})
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda d: d.drop_vars("sinr_std_db"), "no variable 'sinr_std_db'"),
-        (lambda d: d.drop_vars("blocked"), "no variable 'blocked'"),
+        (lambda d: d.drop_vars("blocked_reason"), "no variable 'blocked_reason'"),
         (lambda d: d.drop_vars("x"), "no coordinate 'x'"),
         (lambda d: d.transpose("x", "y", "z"), "sinr_db has the dimensions ('x', 'y', 'z')"),
         (lambda d: d.assign(sinr_db=d["sinr_db"].isel(z=0, drop=True)), "sinr_db has the dimensions ('y', 'x')"),
@@ -76,7 +77,7 @@ def with_values(name: str, value: float) -> object:
         (lambda d: d.isel(x=[0, 1, 3]), "coordinate x is uneven (steps 20 to 40 m)"),
         (lambda d: d.assign_coords(y=[0.0, np.nan, 2.0]), "coordinate y is empty or not finite"),
         (
-            lambda d: d.assign(blocked=d["blocked"] & False),
+            lambda d: d.assign(blocked_reason=d["blocked_reason"] * 0),
             "sinr_db is NaN in 2 free cell(s), the first at (z, y, x) = (0, 1, 2)",
         ),
         (with_values("sinr_db", np.inf), "sinr_db has 24 infinite value(s)"),
@@ -85,15 +86,20 @@ def with_values(name: str, value: float) -> object:
         (with_values("sinr_std_db", np.nan), "sinr_std_db is negative or NaN"),
         (with_values("count", -1), "count is negative"),
         (with_values("count", 0.5), "count holds values that are not int32"),
-        (with_values("blocked", 2), "blocked holds values that are not bool"),
-        (with_values("blocked", 1), "every cell is blocked"),
+        (with_values("blocked_reason", 0.5), "blocked_reason holds values that are not uint8"),
+        (with_values("blocked_reason", 256), "blocked_reason holds values that are not uint8"),
+        (with_values("blocked_reason", 2), "blocked_reason is 2 in a cell; expected at most 1"),
+        (with_values("blocked", 1), "variable 'blocked' of schema version 1"),
+        (lambda d: d.assign_attrs(blocked_reasons="[{}]"), "blocked_reasons is no table of reasons"),
+        (lambda d: d.assign_attrs(schema_version=1), "no variable 'blocked'"),
+        (with_values("blocked_reason", 1), "every cell is blocked"),
         (lambda d: d.assign(sinr_db=d["sinr_db"].astype(str)), "sinr_db is of type"),
         (lambda d: d.assign(sinr_spread_db=d["sinr_std_db"] - 1), "sinr_spread_db is negative"),
         (lambda d: d.assign(serving_sector=d["count"] - 2), "serving_sector holds -2"),
         (lambda d: d.isel(x=[0], y=[0], z=[0]), "has 1 cell; a flight needs at least 2"),
         (lambda d: d.expand_dims(condition=2), "reserved dimension 'condition'"),
         (lambda d: d.drop_attrs(deep=False), "no attribute 'schema_version'"),
-        (lambda d: d.assign_attrs(schema_version=2), "schema_version 2; this cellpilot reads 1"),
+        (lambda d: d.assign_attrs(schema_version=3), "schema_version 3; this cellpilot reads 1 and 2"),
         (lambda d: d.assign_attrs(unknown="perhaps"), "unknown = 'perhaps'"),
         (lambda d: d.assign_attrs(anchor_latitude_deg=3.0), "only one of anchor_latitude_deg"),
         (lambda d: d.assign_attrs(anchor_latitude_deg=300.0, anchor_longitude_deg=3.0), "latitude is 300"),

@@ -5,6 +5,7 @@ import pytest
 
 from cellpilot.errors import InputError
 from cellpilot.maps import Anchor, anchor_of, simulate_map
+from cellpilot.maps.reasons import blocked_cells
 from cellpilot.maps.sources.simulated import _most_frequent
 from cellpilot.radio import hexagonal_deployment, simulate
 
@@ -30,7 +31,7 @@ def test_bins_are_means_of_their_points(shadowing_seed: int | None) -> None:
 def test_nothing_about_a_simulation_is_unknown() -> None:
     dataset = simulate_map(DEPLOYMENT, **SMALL)  # type: ignore[arg-type]
     assert not dataset["sinr_std_db"].values.any()
-    assert not dataset["blocked"].values.any()
+    assert not blocked_cells(dataset).any()
     assert "seed" not in dataset.attrs
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cellpilot.errors import InputError
+from cellpilot.maps.reasons import blocked_cells
 from cellpilot.maps.sources.sionna_file import Receiver, read_sionna
 
 X_M, Y_M = np.array([-10.0, 10.0, 30.0]), np.array([5.0, 25.0])
@@ -39,7 +40,7 @@ def test_sinr_from_path_gains_by_hand(tmp_path: Path, gain: np.ndarray) -> None:
             assert np.isnan(found)
         else:
             assert found == pytest.approx(10 * np.log10(own / (0.5 * other + noise_mw)), abs=1e-4)
-    assert radio_map["blocked"].values[0].tolist() == [[False] * 3, [False, False, True]]
+    assert blocked_cells(radio_map)[0].tolist() == [[False] * 3, [False, False, True]]
     assert radio_map["serving_sector"].values[0].tolist() == [[0, 0, 1], [0, 0, -1]]
     rsrp_dbm = 40 + 10 * np.log10(gain[0, 0, 0]) - 10 * np.log10(600)
     assert radio_map["rsrp_dbm"].values[0, 0, 0, 0] == pytest.approx(rsrp_dbm, abs=1e-4)
@@ -59,7 +60,7 @@ def test_a_sinr_of_its_own_is_taken_as_it_is_and_heights_are_put_in_order(tmp_pa
     radio_map = read_sionna([high, low])
     assert radio_map["z"].values.tolist() == [30.0, 50.0]
     np.testing.assert_allclose(radio_map["sinr_db"][:, 0, 0], [10 * np.log10(20), 10.0], atol=1e-4)
-    assert radio_map["blocked"].values[:, 1, 2].all()
+    assert blocked_cells(radio_map)[:, 1, 2].all()
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 
 from cellpilot.maps import Anchor, account_of, import_logs, make_map, simulate_map
 from cellpilot.maps.calibrate import calibrate
+from cellpilot.maps.reasons import INSIDE_BUILDING, NO_RAY
 from cellpilot.maps.words import described, share_below
 from cellpilot.radio import hexagonal_deployment
 from cellpilot.world import World
@@ -28,16 +29,24 @@ def test_every_figure_by_hand() -> None:
     spread_db = np.full_like(sinr_db, NAN)
     spread_db[0, 0, :3] = [1.0, 1.5, 4.0]
     radio_map = make_map(
-        sinr_db, **AXES, source="test", sinr_std_db=std_db, filled=filled, blocked=blocked, optional={"sinr_spread_db": spread_db}
+        sinr_db,
+        **AXES,
+        source="test",
+        sinr_std_db=std_db,
+        filled=filled,
+        blocked_reason=blocked.astype(int) + np.isnan(sinr_db),
+        reasons=(INSIDE_BUILDING, NO_RAY),
+        optional={"sinr_spread_db": spread_db},
     )
     assert list(described(radio_map, 3.0)) == [
         "5 x 2 x 3 cells of 40 x 20 m, source test, no model",
         "lies nowhere on Earth (no anchor)",
         "area x -20 to 180 m, y -10 to 30 m",
-        "30 m: 9 free cells, 1 blocked, 33.3% below 3 dB, median 4.0 dB (10 to 90 %: 0.8 to 7.2 dB), spread within a cell 1.5 dB",
-        "50 m: 9 free cells, 1 blocked, 44.4% below 3 dB, median 9.0 dB (10 to 90 %: 2.0 to 9.0 dB),"
+        "30 m: 9 free cells, 1 blocked (1 no ray arrives), 33.3% below 3 dB, median 4.0 dB (10 to 90 %: 0.8 to 7.2 dB),"
+        " spread within a cell 1.5 dB",
+        "50 m: 9 free cells, 1 blocked (1 inside a building), 44.4% below 3 dB, median 9.0 dB (10 to 90 %: 2.0 to 9.0 dB),"
         " 22% of the known ones filled, uncertain by 3.6 dB",
-        "70 m: 0 free cells, 10 blocked, nothing known",
+        "70 m: 0 free cells, 10 blocked (10 no ray arrives), nothing known",
         "all heights: 18 free cells, 38.9% below 3 dB",
     ]
 
@@ -85,7 +94,7 @@ def test_the_share_below_is_that_of_the_world() -> None:
     sinr_db = np.array([[[NAN, NAN, 1.0, 5.0, 6.0], [0.0, 7.0, 8.0, 9.0, 9.0]]] * 3)
     blocked = np.zeros(sinr_db.shape, bool)
     blocked[:, 1, 0] = True
-    radio_map = make_map(sinr_db, **AXES, source="test", blocked=blocked, unknown="bad")
+    radio_map = make_map(sinr_db, **AXES, source="test", blocked_reason=blocked, unknown="bad")
     world = World.from_map(radio_map)
     below = share_below(radio_map, 0, 3.0)
     assert (below.free, below.below, below.unknown) == (9, 3, 2)

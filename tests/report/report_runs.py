@@ -11,6 +11,7 @@ import xarray as xr
 from cellpilot.evaluate import Evaluation, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.maps import RadioMap, make_map, save_map
+from cellpilot.maps.reasons import INSIDE_BUILDING, NO_RAY
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
 from cellpilot.policies.learned import save_parameters
 from cellpilot.radio import hexagonal_deployment
@@ -25,11 +26,11 @@ def small_map(n_heights: int = 1, sectors: bool = True, special: bool = False) -
     x_m, y_m, z_m = np.arange(8) * 20.0 - 70, np.arange(6) * 20.0 - 50, 20.0 + 20 * np.arange(n_heights)
     z, y, x = np.meshgrid(z_m, y_m, x_m, indexing="ij")
     sinr_db = 12 - 14 * np.exp(-((x - 10) ** 2 + (y + 10) ** 2) / 1500) - (z - 20) / 10
-    blocked = np.zeros(sinr_db.shape, dtype=bool)
+    blocked_reason = np.zeros(sinr_db.shape, dtype=np.uint8)
     if special:
         sinr_db[:, 5, 7] = np.nan
-        blocked[:, 5, 7] = True
-        blocked[:, 0:3, 2] = True
+        blocked_reason[:, 5, 7] = 2
+        blocked_reason[:, 0:3, 2] = 1
     where = hexagonal_deployment()
     sites = {
         "sector_name": np.array([f"sector {i}" for i in range(where.n_sectors)]),
@@ -39,7 +40,14 @@ def small_map(n_heights: int = 1, sectors: bool = True, special: bool = False) -
         "sector_boresight_deg": where.boresight_deg,
     }
     return make_map(
-        sinr_db, x_m=x_m, y_m=y_m, z_m=z_m, blocked=blocked, source="synthetic <test>", sectors=sites if sectors else None
+        sinr_db,
+        x_m=x_m,
+        y_m=y_m,
+        z_m=z_m,
+        blocked_reason=blocked_reason,
+        reasons=(INSIDE_BUILDING, NO_RAY),
+        source="synthetic <test>",
+        sectors=sites if sectors else None,
     )
 
 

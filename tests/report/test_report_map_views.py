@@ -18,6 +18,7 @@ from scipy.stats import norm
 
 from cellpilot.errors import InputError
 from cellpilot.maps import RadioMap, make_map, simulate_map
+from cellpilot.maps.reasons import blocked_cells
 from cellpilot.radio import ColumnAntenna, PatternAntenna, hexagonal_deployment
 from cellpilot.report.antenna import draw_antenna
 from cellpilot.report.map_views import SECTOR_COLOURS, draw_comparison, draw_map, heights_left_out
@@ -41,7 +42,7 @@ def simulated() -> RadioMap:
     rng = np.random.default_rng(0)
     radio_map["sinr_std_db"].values = rng.uniform(0.5, 4.0, radio_map["sinr_db"].shape).astype(np.float32)
     radio_map["count"].values = rng.integers(1, 9, radio_map["sinr_db"].shape).astype(np.int32)
-    radio_map["blocked"].values[0, 3:5, 2:4] = True
+    radio_map["blocked_reason"].values[0, 3:5, 2:4] = 1
     return radio_map
 
 
@@ -127,7 +128,7 @@ def test_unknown_cells_are_white_and_named() -> None:
     radio_map["sinr_std_db"].values[0, 0, 0] = 1.0
     figure = draw_map(radio_map, "uncertainty", 3.0)
     assert np.isnan(shown(panels(figure)[0])).sum() == 1
-    assert legend_texts(figure) == ["site", "blocked", "unknown, not to be entered"]
+    assert legend_texts(figure) == ["site", "blocked: inside a building", "blocked: no ray arrives"]
 
 
 @pytest.mark.parametrize("what", CELLS)
@@ -279,7 +280,7 @@ def test_the_cdf_is_that_of_the_free_cells_of_each_height(simulated: RadioMap) -
     assert list(curves) == ["30 m", "100 m"]
     for iz, line in enumerate(curves.values()):
         level = simulated.isel(z=iz)
-        free_db = level["sinr_db"].values[~level["blocked"].values]
+        free_db = level["sinr_db"].values[~blocked_cells(level)]
         x_db, share = line.get_data()
         assert len(x_db) == len(free_db)
         for level_db in (-3.0, 2.0, 8.0):
@@ -299,7 +300,7 @@ def bad_map() -> RadioMap:
     blocked = np.zeros(sinr_db.shape, bool)
     blocked[0, 1, 0] = True
     axes_m = {"x_m": 20.0 * np.arange(5), "y_m": 20.0 * np.arange(4), "z_m": [30.0, 50.0]}
-    return make_map(sinr_db, **axes_m, blocked=blocked, source="test", unknown="bad")  # type: ignore[arg-type]
+    return make_map(sinr_db, **axes_m, blocked_reason=blocked, source="test", unknown="bad")  # type: ignore[arg-type]
 
 
 def test_free_cells_that_are_unknown_count_as_below() -> None:
@@ -410,9 +411,9 @@ def test_a_comparison_shows_both_maps_and_their_difference(simulated: RadioMap) 
 def test_a_map_compared_with_itself_and_maps_without_a_common_cell_are_drawn() -> None:
     radio_map = small_map()
     half = small_map()
-    half["sinr_db"].values[..., :4], half["blocked"].values[..., :4] = np.nan, True
+    half["sinr_db"].values[..., :4], half["blocked_reason"].values[..., :4] = np.nan, 1
     other_half = small_map()
-    other_half["sinr_db"].values[..., 4:], other_half["blocked"].values[..., 4:] = np.nan, True
+    other_half["sinr_db"].values[..., 4:], other_half["blocked_reason"].values[..., 4:] = np.nan, 1
     for a, b in ((radio_map, radio_map), (half, other_half)):
         figure = rendered(draw_comparison(a, b, ("a", "b"), 3.0))
         assert not np.nan_to_num(shown(panels(figure)[2])).any()

@@ -137,11 +137,12 @@ def test_edges_of_cells() -> None:
 
 def test_special_cells_are_told_apart() -> None:
     cells = special_cells(small_map(special=True), 0)
-    assert {name: int(area.sum()) for name, area in cells.items()} == {
-        "blocked": 3,
-        "unknown, not to be entered": 1,
+    assert {name: int(area.sum()) for name, (area, _) in cells.items()} == {
+        "blocked: inside a building": 3,
+        "blocked: no ray arrives": 1,
         "unknown, counts as below": 0,
     }
+    assert len({look for _, look in cells.values()}) == 3
 
 
 def test_percent_never_rounds_a_failure_away() -> None:

@@ -38,5 +38,12 @@ def fingerprint(scenario: Scenario, world: World) -> str:
     text = "".join(part.model_dump_json() for part in (scenario.task, scenario.airspace, scenario.learner))
     signal, sides = world.signal, np.array(world.grid.sides)
     factors = [] if signal.unknown is None else [signal.unknown.along_x, signal.unknown.along_y, signal.unknown.along_z]
-    arrays = [signal.mean_db, signal.std_db, *factors, world.airspace.reason, sides, np.frombuffer(text.encode(), np.uint8)]
+    arrays = [
+        signal.mean_db,
+        signal.std_db,
+        *factors,
+        world.airspace.blocked.astype(np.uint8),
+        sides,
+        np.frombuffer(text.encode(), np.uint8),
+    ]
     return digest(arrays)

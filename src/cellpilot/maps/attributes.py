@@ -13,6 +13,7 @@ KINDS = {
     "source": TEXT,
     "model": TEXT,
     "unknown": TEXT,
+    "blocked_reasons": TEXT,
     "licence": TEXT,
     "datum": TEXT,
     "provenance": TEXT,

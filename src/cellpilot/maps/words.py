@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cellpilot.maps.account import ATTRIBUTE, account_of
+from cellpilot.maps.reasons import blocked_cells, counted_reasons, reasons_of
 from cellpilot.maps.schema import RadioMap, anchor_of
 
 
@@ -25,7 +26,7 @@ class Below(NamedTuple):
 
 def share_below(radio_map: RadioMap, iz: int, threshold_db: float) -> Below:
     """The free cells of one height against a threshold; as in a `World`, unknown ones count as below."""
-    sinr_db = radio_map["sinr_db"].values[iz][~radio_map["blocked"].values[iz]]
+    sinr_db = radio_map["sinr_db"].values[iz][~blocked_cells(radio_map)[iz]]
     unknown = int(np.isnan(sinr_db).sum())
     return Below(sinr_db.size, int((sinr_db < threshold_db).sum()) + unknown, unknown)
 
@@ -122,10 +123,21 @@ def _share(below: Below, threshold_db: float) -> str:
     return f"{below.share:.1%} below {threshold_db:g} dB{unknown}"
 
 
+def blocked_words(radio_map: RadioMap) -> str:
+    """Number of blocked cells of a map, of how many, and for which reasons."""
+    codes = radio_map["blocked_reason"].values
+    return f"of {codes.size} cells {_blocked(codes, radio_map)}"
+
+
+def _blocked(codes: np.ndarray, radio_map: RadioMap) -> str:
+    why = counted_reasons(codes, reasons_of(radio_map))
+    return f"{(codes > 0).sum()} blocked" + (f" ({why})" if why else "")
+
+
 def _level(radio_map: RadioMap, iz: int, threshold_db: float) -> str:
-    values = {name: radio_map[name].values[iz] for name in ("sinr_db", "sinr_std_db", "filled", "blocked")}
-    free = ~values["blocked"]
-    text = f"{free.sum()} free cells, {(~free).sum()} blocked"
+    values = {name: radio_map[name].values[iz] for name in ("sinr_db", "sinr_std_db", "filled", "blocked_reason")}
+    free = values["blocked_reason"] == 0
+    text = f"{free.sum()} free cells, {_blocked(values['blocked_reason'], radio_map)}"
     share = share_below(radio_map, iz, threshold_db)
     if share.free:
         text += f", {_share(share, threshold_db)}"

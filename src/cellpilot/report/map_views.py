@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
 from cellpilot.maps import RadioMap, grid_of
+from cellpilot.maps.reasons import blocked_cells
 from cellpilot.maps.words import share_below
 from cellpilot.report.maps import mark_on_bar, sinr_map_figure
 from cellpilot.report.plane import (
@@ -140,7 +141,7 @@ def _draw_view(radio_map: RadioMap, view: View) -> Figure:
         axes.set_title(f"{grid.z_m[iz]:g} m")
     draw_scale_and_north(panels[0], grid)
     figure.colorbar(mesh, ax=panels, label=view.label, pad=0.02)
-    white = np.isnan(view.values) & np.isfinite(radio_map["sinr_db"].values) & ~radio_map["blocked"].values
+    white = np.isnan(view.values) & np.isfinite(radio_map["sinr_db"].values) & ~blocked_cells(radio_map)
     handles = [
         *([site_handle()] if len(sites) else []),
         *([white_handle(view.white)] if white[heights].any() else []),
@@ -276,7 +277,7 @@ def _draw_cdf(radio_map: RadioMap, threshold_db: float) -> Figure:
     figure, axes = single_axes(5.2, 3.4)
     heights = chosen_heights(radio_map.sizes["z"])
     for (colour, style), iz in zip(CURVES, heights, strict=False):
-        values = radio_map["sinr_db"].values[iz][~radio_map["blocked"].values[iz]]
+        values = radio_map["sinr_db"].values[iz][~blocked_cells(radio_map)[iz]]
         values = np.sort(values[np.isfinite(values)])
         share = share_below(radio_map, iz, threshold_db)
         if values.size:

@@ -1,5 +1,6 @@
 """Drawing on one height of a grid: coloured cells, outlined and hatched areas, sites. Everything in metres."""
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from cellpilot.grid import Grid
 from cellpilot.maps import RadioMap
+from cellpilot.maps.reasons import reasons_of
 from cellpilot.report.style import PAGE_WIDTH_IN
 
 FloatArray = NDArray[np.float64]
@@ -130,38 +132,37 @@ def outline_area(axes: Axes, grid: Grid, area: BoolArray, colour: str = "white",
     lines.set(path_effects=[patheffects.Stroke(linewidth=width + 1.0, foreground="0.15"), patheffects.Normal()])
 
 
-def special_cells(radio_map: RadioMap, iz: int) -> dict[str, BoolArray]:
-    """Cells of one height `[y, x]` that have no ordinary value: blocked, blocked for want of data, unknown but free."""
-    blocked, unknown = radio_map["blocked"].values[iz], np.isnan(radio_map["sinr_db"].values[iz])
-    return {
-        "blocked": blocked & ~unknown,
-        "unknown, not to be entered": blocked & unknown,
-        "unknown, counts as below": ~blocked & unknown,
-    }
+UNKNOWN_FREE = "unknown, counts as below"
+HATCHES = ("xxx", "///", "\\\\\\", "+++", "ooo")
+"""Of reasons that are not for lack of data; where there are more, they repeat."""
+
+Look = tuple[str, str, str]
+"""Hatch, color of the hatch and of the face."""
 
 
-SPECIAL_LOOKS = {
-    "blocked": ("xxx", "0.35", "0.8"),
-    "unknown, not to be entered": ("...", "0.35", "0.8"),
-    "unknown, counts as below": ("...", "0.35", "white"),
-}
-"""Hatch, colour of the hatch and of the face."""
+def special_cells(radio_map: RadioMap, iz: int) -> dict[str, tuple[BoolArray, Look]]:
+    """Cells of one height `[y, x]` that have no ordinary value, and their look: blocked for each reason, unknown but free."""
+    codes, unknown = radio_map["blocked_reason"].values[iz], np.isnan(radio_map["sinr_db"].values[iz])
+    found = {UNKNOWN_FREE: ((codes == 0) & unknown, ("...", "0.35", "white"))}
+    hatches = cycle(HATCHES)
+    for code, reason in enumerate(reasons_of(radio_map), 1):
+        hatch = "..." if reason.lack_of_data else next(hatches)
+        found[f"blocked: {reason.name}"] = (codes == code, (hatch, "0.35", "0.8"))
+    return found
 
 
 def draw_special_cells(axes: Axes, grid: Grid, radio_map: RadioMap, iz: int) -> None:
     """Mark the blocked and the unknown cells of one height."""
-    for name, area in special_cells(radio_map, iz).items():
-        hatch, line, face = SPECIAL_LOOKS[name]
+    for area, (hatch, line, face) in special_cells(radio_map, iz).values():
         hatch_area(axes, grid, area, hatch, line, face, zorder=2.5)
 
 
 def special_handles(radio_map: RadioMap, heights: list[int]) -> list[Patch]:
     """Legend entries of the kinds of special cells that occur on these heights."""
-    found = {name for iz in heights for name, area in special_cells(radio_map, iz).items() if area.any()}
+    found = {name: look for iz in heights for name, (area, look) in special_cells(radio_map, iz).items() if area.any()}
     return [
         Patch(facecolor=face, edgecolor=line, hatch=hatch, label=name, linewidth=0)
-        for name, (hatch, line, face) in SPECIAL_LOOKS.items()
-        if name in found
+        for name, (hatch, line, face) in sorted(found.items())
     ]
 
 

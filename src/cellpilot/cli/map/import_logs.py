@@ -13,6 +13,7 @@ from cellpilot.errors import InputError
 from cellpilot.experiment import holdout_of, make_measured_map
 from cellpilot.maps import account_of, save_map
 from cellpilot.maps.sources.sionna_file import SUFFIX, Receiver, read_sionna
+from cellpilot.maps.words import blocked_words
 from cellpilot.scenario import LogSettings, NonNegative, Paths, Positive, Settings
 
 
@@ -57,9 +58,8 @@ def main(arguments: Sequence[str]) -> int:
         raise InputError(f"{saved[0]} is a saved Sionna map, other files are logs: import them apart")
     if saved:
         radio_map = read_sionna(saved, Receiver(**options.receiver.model_dump()))
-        blocked = radio_map["blocked"].values
         save_map(radio_map, options.out)
-        out.print(f"{radio_map.attrs['model']}; {blocked.sum()} of {blocked.size} cells reached by no ray")
+        out.print(f"{radio_map.attrs['model']}; {blocked_words(radio_map)}")
         if "receiver" in radio_map.attrs:
             out.print(radio_map.attrs["receiver"])
     else:

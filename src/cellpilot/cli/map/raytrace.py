@@ -13,6 +13,7 @@ from cellpilot.experiment import make_sites
 from cellpilot.maps import save_map
 from cellpilot.maps.sources.raytraced import Rays, raytrace_map
 from cellpilot.maps.sources.simulated import bin_centres
+from cellpilot.maps.words import blocked_words
 from cellpilot.scenario import Count, Settings, SimulatedMap
 
 
@@ -57,9 +58,8 @@ def main(arguments: Sequence[str]) -> int:
             progress=progress,
         )
     save_map(radio_map, options.out)
-    blocked = radio_map["blocked"].values
     raised = (radio_map["sector_height_m"].values > sites.deployment.height_m + 1e-9).sum()
-    out.print(f"map: {options.out}; {blocked.sum()} of {blocked.size} cells inside buildings or reached by no ray")
+    out.print(f"map: {options.out}; {blocked_words(radio_map)}")
     if raised:
         out.print(f"{raised} of {len(np.atleast_1d(sites.deployment.x_m))} sectors raised above the roof they would stand under")
     return 0

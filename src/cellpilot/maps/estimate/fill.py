@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from cellpilot.errors import InputError
 from cellpilot.maps.estimate.methods import FloatArray, Known, Method, gaussian_process, inverse_distance
+from cellpilot.maps.reasons import NO_SINR, TABLE, for_lack_of_data, reasons_of, reasons_text, with_reason
 from cellpilot.maps.schema import UNKNOWN, RadioMap, validate
 
 FillMethod = Literal["inverse-distance", "gaussian-process"]
@@ -33,9 +34,10 @@ def fill(
     holes. By Gaussian process, both come from the posterior given all measured cells of all heights, around
     `trend_db [z, y, x]` if there is one (a simulation of the sites). Earlier filled cells count as unknown to both.
 
-    Filled cells have `filled` True, `count` 0 and are free: restrict the airspace after filling, not before. What is
-    still unknown is blocked, or with `unknown="bad"` free and without SINR. Method and radius are written to
-    the attributes. `InputError` for a radius below 0, a power that is not positive, an unknown method, or an invalid map.
+    Filled cells have `filled` True and `count` 0. A cell that was blocked for lack of data is free once it is filled; any
+    other reason stays. What is still unknown is blocked, or with `unknown="bad"` free and without SINR. Method and radius
+    are written to the attributes. `InputError` for a radius below 0, a power that is not positive, an unknown method, or an
+    invalid map.
     """
     if not np.isfinite(radius_m) or radius_m < 0:
         raise InputError(f"the fill radius is {radius_m:g} m; expected 0 (no filling) or more")
@@ -65,8 +67,17 @@ def fill(
     result["sinr_db"].values = sinr_db.reshape(hole.shape).astype(np.float32)
     result["sinr_std_db"].values = std_db.reshape(hole.shape)
     result["filled"].values |= filled
-    result["blocked"].values = np.where(still_unknown, unknown == "blocked", result["blocked"].values & ~filled)
-    result.attrs |= {"unknown": unknown, "fill_method": DESCRIPTIONS[method], "fill_radius_m": float(radius_m)}
+    codes, reasons = result["blocked_reason"].values, reasons_of(result)
+    codes = np.where(for_lack_of_data(codes, reasons) & (filled | (unknown == "bad")), 0, codes).astype(np.uint8)
+    if unknown == "blocked":
+        codes, reasons = with_reason(codes, reasons, still_unknown & (codes == 0), NO_SINR)
+    result["blocked_reason"].values = codes
+    result.attrs |= {
+        TABLE: reasons_text(reasons),
+        "unknown": unknown,
+        "fill_method": DESCRIPTIONS[method],
+        "fill_radius_m": float(radius_m),
+    }
     if method == "inverse-distance":
         result.attrs["fill_power"] = float(power)
     return validate(result)

@@ -13,13 +13,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cellpilot.errors import InputError
-from cellpilot.maps.formats.cells import VARIABLES, attributes_json
+from cellpilot.maps.fields import CELL
+from cellpilot.maps.formats.cells import (
+    READ,
+    VARIABLES,
+    FloatArray,
+    attributes_json,
+    map_of_cells,
+    stated_reasons,
+    with_attributes,
+)
 from cellpilot.maps.geodesy import to_degrees
 from cellpilot.maps.limits import check_size
-from cellpilot.maps.schema import CELL, RadioMap, anchor_of, make_map, validate
+from cellpilot.maps.schema import RadioMap, anchor_of
 from cellpilot.maps.text_table import LONGEST_LINE, Column, open_table
 from cellpilot.storage import parse_json, write_atomically
 
@@ -63,7 +71,8 @@ def read(path: Path) -> RadioMap:
         (*PLACES, "sinr_db"), "; expected a map with one line a cell (a measured log is imported: cellpilot map import)"
     )
     attributes = read_attributes(path)
-    names = [name for name in VARIABLES if name in table.names]
+    reasons = stated_reasons(attributes, str(path))
+    names = [name for name in READ if name in table.names]
     limits = {name: Column(name, -(2.0**31), 2.0**31) for name in (*PLACES, *names)}
     lines, cells = [], []
     for row in rows:
@@ -84,34 +93,19 @@ def read(path: Path) -> RadioMap:
             f"{path}, line {lines[again]}: the cell at {values[again, :3].tolist()} is there already; expected one line for each"
         )
     shape = len(z_m), len(y_m), len(x_m)
-    arrays = {name: _gridded(values[:, 3 + i], index, shape, name) for i, name in enumerate(names)}
-    optional: dict[str, ArrayLike] = {name: arrays[name] for name in ("sinr_spread_db", "serving_sector") if name in arrays}
+    arrays = {name: _gridded(values[:, 3 + i], index, shape) for i, name in enumerate(names)}
     try:
-        dataset = make_map(
-            arrays["sinr_db"],
-            x_m=x_m,
-            y_m=y_m,
-            z_m=z_m,
-            source="CSV",
-            sinr_std_db=arrays.get("sinr_std_db", 0.0),
-            count=arrays.get("count", 0),
-            filled=arrays.get("filled", False),
-            blocked=arrays.get("blocked"),
-            optional=optional,
-            unknown=str(attributes.get("unknown", "blocked")),
-        )
+        unknown = str(attributes.get("unknown", "blocked"))
+        dataset = map_of_cells(arrays, reasons, x_m=x_m, y_m=y_m, z_m=z_m, source="CSV", unknown=unknown)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    if attributes:
-        dataset.attrs = attributes
-    return validate(dataset, str(path))
+    return with_attributes(dataset, attributes, str(path)) if attributes else dataset
 
 
-def _gridded(values: np.ndarray, index: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
-    """Values over cells; where there is no line or no number, what the schema has for cells of which nothing is known."""
-    unknown = {"count": 0.0, "filled": 0.0, "blocked": 1.0, "serving_sector": -1.0}.get(name, np.nan)
-    array = np.full(np.prod(shape), unknown)
-    array[index] = np.where(np.isnan(values), unknown, values)
+def _gridded(values: FloatArray, index: np.ndarray, shape: tuple[int, ...]) -> FloatArray:
+    """Values over cells, NaN where there is no line or no number."""
+    array = np.full(np.prod(shape), np.nan)
+    array[index] = values
     return array.reshape(shape)
 
 

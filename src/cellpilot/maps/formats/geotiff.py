@@ -11,16 +11,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
 from cellpilot.maps.attributes import plain_attributes
-from cellpilot.maps.formats.cells import VARIABLES, attributes_json
+from cellpilot.maps.fields import FIELDS
+from cellpilot.maps.formats.cells import READ, VARIABLES, attributes_json, map_of_cells, stated_reasons, with_attributes
 from cellpilot.maps.formats.foreign_raster import WGS84, FloatArray, apply, local_grid
 from cellpilot.maps.formats.raster_bands import bands_of, check_georeferenced, values_of
 from cellpilot.maps.geodesy import Anchor, metres_per_degree, to_degrees
 from cellpilot.maps.limits import check_size
-from cellpilot.maps.schema import FIELDS, RadioMap, anchor_of, make_map, validate
+from cellpilot.maps.reasons import NO_SINR, blocked_cells, reasons_of
+from cellpilot.maps.schema import RadioMap, anchor_of, make_map
 from cellpilot.storage import check_seal, parse_json, seal, write_atomically
 
 if TYPE_CHECKING:
@@ -139,6 +141,8 @@ def _layers(dataset: RadioMap, variable: str | None) -> dict[str, NDArray[Any]]:
     x_m, y_m, z_m = (dataset[axis].values for axis in "xyz")
     unknown = dataset.attrs.get("unknown", "blocked")
     assumed = make_map(values["sinr_db"], x_m=x_m, y_m=y_m, z_m=z_m, source="", unknown=unknown).drop_vars("sinr_db")
+    if blocked_cells(dataset).any() and reasons_of(dataset)[0] != NO_SINR:
+        assumed = assumed.drop_vars("blocked_reason")  # the same codes stand for another reason
     return {
         name: array
         for name, array in values.items()
@@ -180,7 +184,7 @@ def _tag(file: "DatasetReader") -> Tag | None:
         x_m, y_m = (np.array(tag[axis], dtype=np.float64) for axis in "xy")
         attributes = plain_attributes(tag["attrs"], f"the tag {TAG}")
         anchor = anchor_of(xr.Dataset(attrs=attributes))
-        variables = tuple(v for v in tag["variables"] if v in VARIABLES)
+        variables = tuple(v for v in tag["variables"] if v in READ)
         if anchor is None or not variables or x_m.ndim != 1 or y_m.ndim != 1:
             raise ValueError("no anchor, variables or coordinates")
     except InputError:
@@ -207,8 +211,10 @@ def _map(file: "DatasetReader", heights_m: tuple[float, ...] | None) -> RadioMap
     z_m, bands = bands_of(file, heights_m)
     values = {name: values_of(file, numbers) for name, numbers in bands.items()}
     tag = _tag(file)
+    _check_whole(values)
+    reasons = None if tag is None else stated_reasons(tag.attributes, f"the tag {TAG}")
     if tag is not None:
-        lost = [name for name in tag.variables if name not in values and FIELDS[name].required]
+        lost = [name for name in tag.variables if name not in values and READ[name].required]
         if lost:
             raise InputError(
                 f"the bands of {', '.join(lost)} are missing, which the map had; take all of them along, or remove the tag"
@@ -217,34 +223,19 @@ def _map(file: "DatasetReader", heights_m: tuple[float, ...] | None) -> RadioMap
         if _lies_as_written(file, tag):
             values = {name: array[:, ::-1] for name, array in values.items()}
             unknown = tag.attributes.get("unknown", "blocked")
-            own = _from_cells(values, x_m=tag.x_m, y_m=tag.y_m, z_m=z_m, source="GeoTIFF", unknown=unknown)
-            own.attrs = tag.attributes
-            return validate(own)
+            own = map_of_cells(values, reasons, x_m=tag.x_m, y_m=tag.y_m, z_m=z_m, source="GeoTIFF", unknown=unknown)
+            return with_attributes(own, tag.attributes, "the map")
     grid = local_grid(file)
     values = {name: grid.sample(array) for name, array in values.items()}
     about: dict[str, Any] = {"source": "GeoTIFF", "model": f"raster in {file.crs}", "anchor": grid.anchor}
     if tag is not None:
         # Of another area or resampled, a map still is a simulation or measured, and as free to use.
         about |= {name: tag.attributes[name] for name in ("source", "licence", "unknown") if name in tag.attributes}
-    return _from_cells(values, x_m=grid.x_m, y_m=grid.y_m, z_m=z_m, outside=~grid.inside, **about)
+    return map_of_cells(values, reasons, ~grid.inside, x_m=grid.x_m, y_m=grid.y_m, z_m=z_m, **about)
 
 
-def _from_cells(values: dict[str, FloatArray], outside: NDArray[np.bool_] | bool = False, **about: Any) -> RadioMap:
-    """The map of values over cells; where a band has no value, a cell is blocked, without samples, not filled, of no sector."""
-    unknown = np.isnan(values["sinr_db"])
-    blocked = values.get("blocked", (unknown & (about.get("unknown", "blocked") != "bad")) | outside)
-    without = {"count": 0.0, "filled": 0.0, "serving_sector": -1.0}
-    whole = {name: np.where(np.isnan(array), without.get(name, np.nan), array) for name, array in values.items()}
-    averaged = [n for n, array in whole.items() if FIELDS[n].dtype is not np.float32 and (array % 1 > 0).any()]
+def _check_whole(values: dict[str, FloatArray]) -> None:
+    """`InputError` where whole numbers have fractions."""
+    averaged = [n for n, array in values.items() if READ[n].dtype is not np.float32 and (array % 1 > 0).any()]
     if averaged:
         raise InputError(f"{', '.join(averaged)} in fractions: the raster was averaged; resample it by nearest pixels (-r near)")
-    optional: dict[str, ArrayLike] = {name: whole[name] for name in ("sinr_spread_db", "serving_sector") if name in whole}
-    return make_map(
-        values["sinr_db"],
-        sinr_std_db=whole.get("sinr_std_db", 0.0),
-        count=whole.get("count", 0),
-        filled=whole.get("filled", False),
-        blocked=np.where(np.isnan(blocked), 1.0, blocked),
-        optional=optional,
-        **about,
-    )

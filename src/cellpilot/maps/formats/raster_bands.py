@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
-from cellpilot.maps.formats.cells import VARIABLES
+from cellpilot.maps.formats.cells import READ
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -36,7 +36,7 @@ def bands_of(file: "DatasetReader", given_m: tuple[float, ...] | None) -> tuple[
     numbers: dict[str, list[int]] = {}
     for band in range(1, file.count + 1):
         stated = file.tags(band).get(VARIABLE)
-        numbers.setdefault(stated if stated in VARIABLES else "sinr_db", []).append(band)
+        numbers.setdefault(stated if stated in READ else "sinr_db", []).append(band)
     if "sinr_db" not in numbers:
         raise InputError(f"holds {', '.join(numbers)}, not SINR; a map needs sinr_db")
     result = {name: dict(zip(_heights(file, bands, given_m), bands, strict=True)) for name, bands in numbers.items()}

@@ -13,6 +13,7 @@ from cellpilot.maps.estimate.fill import FillMethod, fill
 from cellpilot.maps.geodesy import Anchor, to_local
 from cellpilot.maps.gridding import Bins, grid_samples
 from cellpilot.maps.hover import Mask, densest_disc
+from cellpilot.maps.reasons import NO_MEASUREMENT, blocked_cells
 from cellpilot.maps.samples import STATED, TAKE_OFF, Samples
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sources.logs import LogOptions, read_log
@@ -81,6 +82,8 @@ def import_logs(
         z_m=bins.z_m,
         sinr_std_db=_standard_error(bins),
         count=bins.count,
+        blocked_reason=bins.count == 0,
+        reasons=(NO_MEASUREMENT,),
         optional={"sinr_spread_db": bins.std},
         anchor=anchor,
         source="measured log",
@@ -176,7 +179,7 @@ def _standard_error(bins: Bins) -> FloatArray:
 
 
 def _levels(dataset: RadioMap) -> tuple[LevelAccount, ...]:
-    blocked, filled = dataset["blocked"].values, dataset["filled"].values
+    blocked, filled = blocked_cells(dataset), dataset["filled"].values
     counted = {
         "measured": dataset["count"].values > 0,
         "filled": filled,

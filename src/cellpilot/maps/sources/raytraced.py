@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import Anchor
+from cellpilot.maps.reasons import INSIDE_BUILDING, NO_RAY
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
 from cellpilot.radio import ColumnAntenna, Deployment, Interference, hexagonal_deployment
@@ -91,9 +92,9 @@ def raytrace_map(
     """The RadioMap of a deployment in a scene of Sionna RT ("munich", "etoile", or a Mitsuba XML file), at cell centres [m].
 
     `anchor` says where on Earth x = y = 0 of the scene lies. A cell's SINR follows from its mean path gain over the cell's
-    area. Cells below the roof of a building, and those that no ray reaches, are blocked. All sectors need one carrier and
-    one column antenna up to mechanical tilt. `InputError` for anything else, for what is missing, and with the last line of
-    the tracing process should that fail.
+    area. Cells below the roof of a building, and those that no ray reaches, are blocked, each for its own reason. All sectors
+    need one carrier and one column antenna up to mechanical tilt. `InputError` for anything else, for what is missing, and
+    with the last line of the tracing process should that fail.
 
     The same seed gives the same rays; sums on several threads differ in the last bits, by some 1e-5 dB.
 
@@ -161,7 +162,8 @@ def map_of_levels(
         z_m=z_m,
         source="ray tracing",
         sinr_std_db=np.where(unknown, np.nan, 0.0),
-        blocked=unknown,
+        blocked_reason=np.where(inside, 1, 2 * np.isneginf(best_dbm)),
+        reasons=(INSIDE_BUILDING, NO_RAY),
         optional={
             "serving_sector": np.where(unknown, -1, serving),
             "rsrp_dbm": np.where(np.isneginf(rsrp_dbm), np.nan, rsrp_dbm),

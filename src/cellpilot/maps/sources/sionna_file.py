@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
 from cellpilot.maps.limits import check_size
+from cellpilot.maps.reasons import NO_RAY
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sources.raytraced import map_of_levels
 from cellpilot.maps.text_table import UNREADABLE
@@ -89,7 +90,8 @@ def read_sionna(paths: Sequence[str | Path], receiver: Receiver = Receiver()) ->
             y_m=y_m,
             z_m=z_m,
             sinr_std_db=np.where(unknown, np.nan, 0.0),
-            blocked=unknown,
+            blocked_reason=unknown,
+            reasons=(NO_RAY,),
             optional={"serving_sector": np.where(unknown, -1, level.argmax(axis=0))},
             sectors={"sector_name": names},
             source="ray tracing",
