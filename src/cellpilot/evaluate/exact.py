@@ -96,24 +96,28 @@ def _block_summary(
     shortest = np.where(departures > 0, np.minimum(world.airspace.shortest_steps(goals), width - 1), 0).astype(np.intp)
     if policy.deterministic:
         actions = probabilities.argmax(-1)
-        chance = [(actions == action).astype(np.float64) for action in range(world.airspace.n_actions)]
         n_steps, reached, time_in_cell = fly_all(world, task, actions, goals, departures)
         arrived = (departures > 0) & reached
         place = n_steps[arrived] * np.intp(width) + shortest[arrived]
         arrivals = np.bincount(place, minlength=outages.size * width).reshape(outages.size, width).astype(float)
+        cell = np.arange(world.grid.n_cells)[:, None]
+        next_cell = world.airspace.next_cell[cell, actions]
+        entered = np.bincount(next_cell.ravel(), time_in_cell.ravel(), minlength=world.grid.n_cells).astype(float)
+        return_sum = float((time_in_cell * task.expected_outcome(world, cell, actions, goals[None, :]).reward).sum())
     else:
         exact = probabilities.astype(np.float64)
         exact /= exact.sum(-1, keepdims=True)  # float32 rows sum to 1 only within 1e-7, which 400 steps would compound
         chance = [np.ascontiguousarray(exact[..., action]) for action in range(world.airspace.n_actions)]
         arrivals, in_the_air = _arrivals(world, task, chance, goals, departures, shortest, width)
         time_in_cell = _time_in_cells(world, chance, goals, departures, in_the_air)
-    entered = _push(world, chance, time_in_cell).sum(1)
+        entered = _push(world, chance, time_in_cell).sum(1)
+        return_sum = _expected_return(world, task, chance, goals, time_in_cell)
     return Summary(
         n_flights=float(len(starts)),
         arrivals=arrivals,
         n_steps=float(time_in_cell.sum()),
         low_steps=float(world.outage_probability(task.threshold_db) @ entered),
-        return_sum=_expected_return(world, task, chance, goals, time_in_cell),
+        return_sum=return_sum,
         steps_by_height=steps_by_height(entered, world),
         sinr_histogram=expected_sinr_histogram(entered, world),
         outages=outages,
