@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from cellpilot.evaluate.evaluation import exhaustive_summary
+from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS
 from cellpilot.experiment import make_map, make_task
 from cellpilot.grid import IntArray

@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from cellpilot.envs.arena import make_arena
-from cellpilot.evaluate.deterministic import DeterministicFigures, deterministic_figures, score
+from cellpilot.evaluate.exact import exhaustive_summary
+from cellpilot.evaluate.metrics import METRICS, reached_share, score
+from cellpilot.evaluate.summary import Summary
 from cellpilot.experiment import make_learner, make_map, make_task
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
@@ -63,22 +65,24 @@ def case(name: str, scenario: Scenario, seeds: range, changes: dict[str, Any], a
     if at_median:
         task = replace(task, threshold_db=float(np.median(world.signal.mean_db)))
     settings = make_learner(scenario.learner.model_copy(update=changes))
-    greedy, optimal = (deterministic_figures(world, task, policy) for policy in (GreedyPolicy(world), OptimalPolicy(world, task)))
+    greedy, optimal = (
+        exhaustive_summary(None, world, task, policy) for policy in (GreedyPolicy(world), OptimalPolicy(world, task))
+    )
     low = float((world.signal.mean_db < task.threshold_db).mean())
-    show(f"{name}: {low:.0%} of the cells low; optimum p90 {optimal.path_ratio_p90:.3f}")
+    show(f"{name}: {low:.0%} of the cells low; optimum p90 {METRICS['path_ratio_p90'].compute(optimal):.3f}")
     for seed in seeds:
         began = time.perf_counter()
         result = train(settings, task, make_arena(world), seed)
         seconds = time.perf_counter() - began
         parameters = result.policy_parameters(world.grid.sides, {"task": task.as_dict()})
-        learned = deterministic_figures(world, task, LearnedPolicy(parameters, world.grid))
+        learned = exhaustive_summary(None, world, task, LearnedPolicy(parameters, world.grid))
         line = (
             f"  seed {seed}: {_figures(learned, greedy, optimal)}, RMSE of Q {_error_of_q(world, task, parameters):.4f}, "
             f"{seconds:.1f} s (compilation {result.compile_s:.1f} s), {result.env_steps} transitions"
         )
         if "penalty" in parameters.tensors:
             control = OptimalPolicy(_as_learned(world, task, parameters.tensors["penalty"]), task)
-            line += f"; control: {_figures(deterministic_figures(world, task, control), greedy, optimal)}"
+            line += f"; control: {_figures(exhaustive_summary(None, world, task, control), greedy, optimal)}"
         show(line)
 
 
@@ -88,10 +92,11 @@ def show(line: str) -> None:
     sys.stdout.flush()
 
 
-def _figures(found: DeterministicFigures, greedy: DeterministicFigures, optimal: DeterministicFigures) -> str:
-    failed = round((1 - found.reached_share) * found.n_pairs)
-    ratio = "-" if found.path_ratio_p90 is None else f"{found.path_ratio_p90:.3f}"
-    return f"score {score(found, greedy, optimal):.4f}, reached {found.reached_share:.4%} ({failed} not), p90 {ratio}"
+def _figures(found: Summary, greedy: Summary, optimal: Summary) -> str:
+    failed = round((1 - reached_share(found)) * found.n_flights)
+    p90 = METRICS["path_ratio_p90"].compute(found)
+    ratio = "-" if p90 is None else f"{p90:.3f}"
+    return f"score {score(found, greedy, optimal):.4f}, reached {reached_share(found):.4%} ({failed} not), p90 {ratio}"
 
 
 def _error_of_q(world: World, task: Task, parameters: Any) -> float:

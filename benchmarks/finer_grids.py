@@ -14,7 +14,8 @@ import numpy as np
 from rich.console import Console
 from scaling import GOALS, LEARNERS, Case, make_case
 
-from cellpilot.evaluate.deterministic import deterministic_figures, score
+from cellpilot.evaluate.exact import exhaustive_summary
+from cellpilot.evaluate.metrics import METRICS, reached_share, score
 from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
@@ -53,9 +54,11 @@ def main() -> None:
 def show(case: Case, goals: np.ndarray, policy: Policy, what: str) -> None:
     """One line of figures."""
     others = (GreedyPolicy(case.world), OptimalPolicy(case.world, case.task))
-    greedy, optimal, found = (deterministic_figures(case.world, case.task, p, goals) for p in (*others, policy))
-    detours = f"p90 {found.path_ratio_p90:.3f} ({optimal.path_ratio_p90:.3f})"
-    console.print(f"{what}: score {score(found, greedy, optimal):.3f}, reached {found.reached_share:.2%}, {detours}")
+    greedy, optimal, found = (exhaustive_summary(None, case.world, case.task, p, goals=goals) for p in (*others, policy))
+    p90, best_p90 = (METRICS["path_ratio_p90"].compute(each) for each in (found, optimal))
+    console.print(
+        f"{what}: score {score(found, greedy, optimal):.3f}, reached {reached_share(found):.2%}, p90 {p90:.3f} ({best_p90:.3f})"
+    )
 
 
 if __name__ == "__main__":

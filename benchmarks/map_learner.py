@@ -16,7 +16,8 @@ import numpy as np
 from machine import cpu_name, usable_cores
 from rich.console import Console
 
-from cellpilot.evaluate.deterministic import deterministic_figures, score
+from cellpilot.evaluate.exact import exhaustive_summary
+from cellpilot.evaluate.metrics import METRICS, reached_share, score
 from cellpilot.experiment import make_map, make_task
 from cellpilot.learn.algorithms.map_learner import MapLearner, MapLearnerSettings, learn_map
 from cellpilot.policies import GreedyPolicy, OptimalPolicy
@@ -85,7 +86,7 @@ def fly(name: str, settings: MapLearnerSettings, seed: int, seeds: dict[str, lis
         scenario = load_scenario(find_scenario(name))
         world = World.from_map(make_map(scenario.map), scenario.task.noise_std_db)
         task = make_task(scenario.task, world.grid)
-        yardsticks = (deterministic_figures(world, task, p) for p in (GreedyPolicy(world), OptimalPolicy(world, task)))
+        yardsticks = (exhaustive_summary(None, world, task, p) for p in (GreedyPolicy(world), OptimalPolicy(world, task)))
         _YARDSTICKS[name] = (world, task, *yardsticks)
     world, task, greedy, optimal = _YARDSTICKS[name]
     rows: list[Row] = []
@@ -93,7 +94,7 @@ def fly(name: str, settings: MapLearnerSettings, seed: int, seeds: dict[str, lis
     checkpoints = CHECKPOINTS if world.grid.sides[2] == 1 else CHECKPOINTS_3D
     for learner in learn_map(world, task, settings, seed, checkpoints):
         before = time.perf_counter()
-        figures = deterministic_figures(world, task, learner.policy())
+        figures = exhaustive_summary(None, world, task, learner.policy())
         evaluating_s += time.perf_counter() - before
         kernel = learner.posterior.kernel
         rows.append(
@@ -101,8 +102,8 @@ def fly(name: str, settings: MapLearnerSettings, seed: int, seeds: dict[str, lis
                 "flights": learner.n_flights,
                 "steps": len(learner.measured_cells),
                 "score": score(figures, greedy, optimal),
-                "reached_share": figures.reached_share,
-                "path_ratio_p90": figures.path_ratio_p90,
+                "reached_share": reached_share(figures),
+                "path_ratio_p90": METRICS["path_ratio_p90"].compute(figures),
                 "noise_std_db": kernel.noise_std_db,
                 "std_db": kernel.std_db,
                 "length_m": kernel.length_m,

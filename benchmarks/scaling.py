@@ -160,7 +160,8 @@ def time_point(learner: Learner, side: int, n_seeds: int, arguments: argparse.Na
 
 def quality_point(learner: Learner, side: int, n_seeds: int, arguments: argparse.Namespace) -> dict[str, Any]:
     """Score and share reached by arg max, trained in full or until the budget is spent."""
-    from cellpilot.evaluate.deterministic import deterministic_figures, score
+    from cellpilot.evaluate.exact import exhaustive_summary
+    from cellpilot.evaluate.metrics import METRICS, reached_share, score
     from cellpilot.learn.trainer import train
     from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
 
@@ -174,17 +175,16 @@ def quality_point(learner: Learner, side: int, n_seeds: int, arguments: argparse
     learned = LearnedPolicy(result.policy_parameters(world.grid.sides, about), world.grid)
     free = world.airspace.free_cells
     goals = free if side <= min(SIDES) else np.sort(np.random.default_rng(0).choice(free, GOALS, replace=False))
-    greedy, optimal, found = (
-        deterministic_figures(world, task, policy, goals) for policy in (GreedyPolicy(world), OptimalPolicy(world, task), learned)
-    )
+    policies = (GreedyPolicy(world), OptimalPolicy(world, task), learned)
+    greedy, optimal, found = (exhaustive_summary(None, world, task, policy, goals=goals) for policy in policies)
     return {
         "seconds": seconds,
         "share_trained": len(result.history["reached"]) / case.settings.rounds,
         "env_steps": result.env_steps,
         "score": score(found, greedy, optimal),
-        "reached_share": found.reached_share,
-        "path_ratio_p90": found.path_ratio_p90,
-        "optimal_path_ratio_p90": optimal.path_ratio_p90,
+        "reached_share": reached_share(found),
+        "path_ratio_p90": METRICS["path_ratio_p90"].compute(found),
+        "optimal_path_ratio_p90": METRICS["path_ratio_p90"].compute(optimal),
         "goals": len(goals),
         "peak_mb": _peak_mb(),
     }

@@ -9,7 +9,7 @@ import statistics
 import numpy as np
 from rich.console import Console
 
-from cellpilot.evaluate.evaluation import exhaustive_summary
+from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import low_sinr_share
 from cellpilot.experiment import make_map, make_task
 from cellpilot.policies import GreedyPolicy

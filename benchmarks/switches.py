@@ -18,9 +18,8 @@ import numpy as np
 from exact import _error_of_q, show
 
 from cellpilot.envs.arena import make_arena
-from cellpilot.evaluate.deterministic import deterministic_figures, score
-from cellpilot.evaluate.exact import exact_summary
-from cellpilot.evaluate.metrics import METRICS
+from cellpilot.evaluate.exact import exhaustive_summary
+from cellpilot.evaluate.metrics import METRICS, score
 from cellpilot.experiment import make_learner, make_map, make_task
 from cellpilot.learn.trainer import train_many
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
@@ -71,14 +70,16 @@ def main() -> int:
 
 def figures_of(world: World, task: Task, parameters: Any) -> list[float]:
     """One seed's figures in the order of `COLUMNS`."""
-    greedy, optimal = (deterministic_figures(world, task, policy) for policy in (GreedyPolicy(world), OptimalPolicy(world, task)))
-    best = deterministic_figures(world, task, LearnedPolicy(parameters, world.grid))
+    greedy, optimal = (
+        exhaustive_summary(None, world, task, policy) for policy in (GreedyPolicy(world), OptimalPolicy(world, task))
+    )
+    best = exhaustive_summary(None, world, task, LearnedPolicy(parameters, world.grid))
     boltzmann = LearnedPolicy(parameters, world.grid, 0.1)
-    soft = exact_summary(np.random.default_rng(0), world, task, boltzmann, world.airspace.free_cells, draw_every=10_000)
+    soft = exhaustive_summary(None, world, task, boltzmann)
     return [
         score(best, greedy, optimal) or 0.0,
-        100 * best.reached_share,
-        best.path_ratio_p90 or np.inf,
+        100 * METRICS["reached_share"].compute(best),
+        METRICS["path_ratio_p90"].compute(best) or np.inf,
         _error_of_q(world, task, parameters),
         100 * METRICS["reached_share"].compute(soft),
         METRICS["path_ratio_p90"].compute(soft) or np.inf,

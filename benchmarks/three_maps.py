@@ -15,7 +15,9 @@ import numpy as np
 from rich.console import Console
 
 from cellpilot.envs.arena import make_arena
-from cellpilot.evaluate.deterministic import DeterministicFigures, deterministic_figures, score
+from cellpilot.evaluate.exact import exhaustive_summary
+from cellpilot.evaluate.metrics import METRICS, score
+from cellpilot.evaluate.summary import Summary
 from cellpilot.experiment import make_learner, make_map, make_task
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
@@ -49,9 +51,9 @@ def show(name: str, task_of: Scenario, learners: dict[str, Scenario], world: Wor
     """The rows of one map."""
     task = make_task(task_of.task, world.grid)
     low = world.signal.mean_db[world.airspace.free_cells] < task.threshold_db
-    rows: dict[str, list[DeterministicFigures]] = {
-        "greedy": [deterministic_figures(world, task, GreedyPolicy(world))],
-        "optimum": [deterministic_figures(world, task, OptimalPolicy(world, task))],
+    rows: dict[str, list[Summary]] = {
+        "greedy": [exhaustive_summary(None, world, task, GreedyPolicy(world))],
+        "optimum": [exhaustive_summary(None, world, task, OptimalPolicy(world, task))],
     }
     for learner, scenario in learners.items():
         began = time.perf_counter()
@@ -59,12 +61,12 @@ def show(name: str, task_of: Scenario, learners: dict[str, Scenario], world: Wor
         for seed in range(n_seeds):
             trained = train(make_learner(scenario.learner), task, make_arena(world), seed)
             parameters = trained.policy_parameters(world.grid.sides, {"task": task.as_dict()})
-            found.append(deterministic_figures(world, task, LearnedPolicy(parameters, world.grid)))
+            found.append(exhaustive_summary(None, world, task, LearnedPolicy(parameters, world.grid)))
         rows[f"{learner}, {n_seeds} seeds, {(time.perf_counter() - began) / n_seeds:.0f} s each"] = found
     greedy, optimal = rows["greedy"][0], rows["optimum"][0]
     for policy, figures in rows.items():
         scores = [score(each, greedy, optimal) or 0.0 for each in figures]
-        cells = [spread([getattr(each, what) for each in figures], form) for what, form in COLUMNS.items()]
+        cells = [spread([METRICS[what].compute(each) for each in figures], form) for what, form in COLUMNS.items()]
         n_free = len(world.airspace.free_cells)
         console.print(f"| {name} | {n_free} | {low.mean():.0%} | {policy} | {' | '.join(cells)} | {spread(scores, '.3f')} |")
 

@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cellpilot.errors import InputError
-from cellpilot.evaluate.deterministic import DeterministicFigures, deterministic_figures, score
+from cellpilot.evaluate.exact import exhaustive_summary
+from cellpilot.evaluate.metrics import METRICS, return_mean, score
 from cellpilot.evaluate.statistics import half_interval
+from cellpilot.evaluate.summary import Summary
 from cellpilot.experiment import make_map
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
@@ -128,7 +130,7 @@ def adapt(
 
     world, task = transfer.truth, transfer.task
     policies = GreedyPolicy(world), OptimalPolicy(world, task), OptimalPolicy(transfer.prepared, task)
-    greedy, optimal, optimal_of_a = (deterministic_figures(world, task, policy) for policy in policies)
+    greedy, optimal, optimal_of_a = (exhaustive_summary(None, world, task, policy) for policy in policies)
     if score(greedy, greedy, optimal) is None:
         raise InputError("on map B the optimum is no better than the shortest path: choose a threshold that part of it misses")
     checkpoints = checkpoints_up_to(flights)
@@ -151,8 +153,8 @@ def adapt(
         attrs={
             "threshold_db": task.threshold_db,
             "noise_std_db": world.signal.noise_std_db,
-            "greedy_return": greedy.return_mean,
-            "optimal_return": optimal.return_mean,
+            "greedy_return": return_mean(greedy),
+            "optimal_return": return_mean(optimal),
             "score_of_optimum_of_a": score(optimal_of_a, greedy, optimal),
             "labels": json.dumps({name: LABELS[name] for name in arms}),
         }
@@ -165,8 +167,8 @@ def _curve(
     arm: str,
     seed: int,
     checkpoints: Sequence[int],
-    greedy: DeterministicFigures,
-    optimal: DeterministicFigures,
+    greedy: Summary,
+    optimal: Summary,
     progress: Callable[[float], None],
 ) -> np.ndarray:
     """`FIGURES` of one arm and seed `[figures, checkpoints]`; NaN where there is none."""
@@ -174,8 +176,8 @@ def _curve(
     scored: Policy | None = None
     for policy in ARMS[arm](transfer, seed, checkpoints):
         if policy is not scored:
-            figures = deterministic_figures(transfer.truth, transfer.task, policy)
-            row = (score(figures, greedy, optimal), figures.reached_share, figures.path_ratio_p90)
+            found = exhaustive_summary(None, transfer.truth, transfer.task, policy)
+            row = (score(found, greedy, optimal), *(METRICS[name].compute(found) for name in FIGURES[1:]))
             scored = policy
         columns.append([np.nan if value is None else value for value in row])
         progress(len(columns) / len(checkpoints))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cellpilot.errors import InputError
-from cellpilot.evaluate.evaluation import exhaustive_summary
+from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS
 from cellpilot.experiment import fingerprint, make_learner
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, load_parameters
@@ -144,9 +144,7 @@ def sensitivity(run: Run, learned: bool, progress: Callable[[float], None] = lam
                 return None
             policies.append(trained)
         for policy in policies:
-            summary = exhaustive_summary(
-                np.random.default_rng(0), run.world, task, policy, run.scenario.task.start, run.scenario.task.goal
-            )
+            summary = exhaustive_summary(None, run.world, task, policy, run.scenario.task.start, run.scenario.task.goal)
             figures = {name: METRICS[name].compute(summary) for name in SENSITIVITY_METRICS}
             rows.append({"knob": knob, "value": value, "policy": policy.name} | figures)
         progress((i + 1) / len(points))

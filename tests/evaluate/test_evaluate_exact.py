@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellpilot.evaluate import METRICS, evaluate
-from cellpilot.evaluate.evaluation import exhaustive_summary, sampled_flights
+from cellpilot.evaluate.evaluation import sampled_flights
+from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.instances import all_pairs, count_pairs, sample_pairs
 from cellpilot.evaluate.summary import Summary, summarise
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, RandomPolicy
@@ -173,12 +174,12 @@ def test_a_fixed_start_or_goal(
 
 
 def test_goals_in_blocks_change_nothing(random_world: MakeWorld, monkeypatch: pytest.MonkeyPatch) -> None:
-    from cellpilot.evaluate import evaluation
+    from cellpilot.evaluate import exact
 
     world = random_world(6, (4, 3, 1), 0.2, 1.5)
     summaries = []
     for size in (1, 5, 100):
-        monkeypatch.setattr(evaluation, "GOALS_AT_ONCE", size)
+        monkeypatch.setattr(exact, "GOALS_AT_ONCE", size)
         summaries.append(
             [exhaustive_summary(np.random.default_rng(0), world, TASK, random_policy(world, 1, d)) for d in (True, False)]
         )
@@ -331,13 +332,13 @@ def test_the_share_below_counts_cells_entered_and_failures_too(make_world: MakeW
 def test_on_a_large_map_sampled_flights_lead_to_few_goals_and_say_how_far_they_are(
     random_world: Callable[..., World], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from cellpilot.evaluate import evaluation
+    from cellpilot.evaluate import evaluation, exact
 
     world, task = random_world(0, (30, 20, 1)), Task(max_steps=500)
     assert evaluation.most_goals(world) is None
     monkeypatch.setattr(evaluation, "LARGE_CELLS", 500)
     monkeypatch.setattr(evaluation, "GOALS_TIMES_CELLS", 12 * 600)
-    monkeypatch.setattr(evaluation, "MOST_PAIRS", 5 * 600)
+    monkeypatch.setattr(exact, "MOST_PAIRS", 5 * 600)
     instances = sample_pairs(np.random.default_rng([3, 0]), world, 400, n_goals=evaluation.most_goals(world))
     assert 6 <= np.unique(instances.goal).size <= 12
     assert np.unique(instances.start).size > 150
@@ -350,6 +351,6 @@ def test_on_a_large_map_sampled_flights_lead_to_few_goals_and_say_how_far_they_a
     assert shares[-1] == 1.0
     assert found.policies["optimal"]["return_mean"] > found.policies["greedy"]["return_mean"]
     # Small tables at a time change no number.
-    monkeypatch.setattr(evaluation, "MOST_PAIRS", 10**9)
+    monkeypatch.setattr(exact, "MOST_PAIRS", 10**9)
     again = evaluate(world, task, [GreedyPolicy(world)], **sampling)
     assert again.sampled["greedy"]["return_mean"] == found.sampled["greedy"]["return_mean"]

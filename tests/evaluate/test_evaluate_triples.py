@@ -12,9 +12,11 @@ from cellpilot.envs.arena import make_arena
 from cellpilot.envs.flight import flight_return, fly
 from cellpilot.envs.goal_env import GoalEnv
 from cellpilot.envs.vector_env import GoalVectorEnv
-from cellpilot.evaluate.deterministic import deterministic_figures
-from cellpilot.evaluate.evaluation import exhaustive_summary, sampled_flights
-from cellpilot.evaluate.instances import Instances
+from cellpilot.evaluate.evaluation import sampled_flights
+from cellpilot.evaluate.exact import exhaustive_summary
+from cellpilot.evaluate.instances import Instances, all_pairs
+from cellpilot.evaluate.metrics import reached_share
+from cellpilot.evaluate.summary import summarise
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, RandomPolicy
 from cellpilot.solve import optimal_values
 from cellpilot.task import Task
@@ -119,16 +121,14 @@ def test_exact_figures_of_deterministic_policies_are_those_of_their_flights(
 ) -> None:
     world, task = triple(random_world, rule, n_moves, sides, seed)
     for policy in (GreedyPolicy(world), OptimalPolicy(world, task)):
-        fast, flown = (
-            deterministic_figures(world, task, policy),
-            exhaustive_summary(np.random.default_rng(0), world, task, policy),
-        )
-        assert fast.n_pairs == flown.n_flights
-        assert fast.return_mean == pytest.approx(flown.return_sum / flown.n_flights)
-        assert fast.reached_share == pytest.approx(flown.arrivals.sum() / flown.n_flights)
-        assert fast.n_steps_mean == pytest.approx(flown.n_steps / flown.n_flights)
-        assert fast.low_sinr_share == pytest.approx(flown.low_steps / flown.n_steps)
-    assert deterministic_figures(world, task, GreedyPolicy(world)).reached_share == 1
+        exact = exhaustive_summary(None, world, task, policy)
+        pairs = Instances(*all_pairs(world, world.airspace.free_cells), 0)
+        records, visits = sampled_flights(np.random.default_rng(0), world, task, policy, pairs)
+        flown = summarise(records, visits, world, task, expected=True)
+        assert exact.n_flights == flown.n_flights
+        for name in ("arrivals", "n_steps", "low_steps", "return_sum", "steps_by_height", "sinr_histogram"):
+            np.testing.assert_allclose(getattr(exact, name), getattr(flown, name), rtol=1e-9, atol=1e-9, err_msg=name)
+    assert reached_share(exhaustive_summary(None, world, task, GreedyPolicy(world))) == 1
 
 
 @pytest.mark.parametrize(("rule", "n_moves", "sides", "seed"), TRIPLES)
@@ -138,7 +138,7 @@ def test_values_are_what_the_optimum_earns(
     world, task = triple(random_world, rule, n_moves, sides, seed)
     task = replace(task, discount=1.0, max_steps=200)
     goals = world.airspace.free_cells
-    figures = deterministic_figures(world, task, OptimalPolicy(world, task), per_pair=True)
-    assert figures.pairs is not None
-    values = optimal_values(world, task, goals).max(-1)
-    np.testing.assert_allclose(figures.pairs.expected_return[figures.pairs.valid], values[figures.pairs.valid], atol=1e-6)
+    starts, goal = all_pairs(world, goals)
+    records, _ = sampled_flights(np.random.default_rng(0), world, task, OptimalPolicy(world, task), Instances(starts, goal, 0))
+    values = optimal_values(world, task, goals).max(-1)[starts, np.searchsorted(goals, goal)]
+    np.testing.assert_allclose(records.expected_return, values, atol=1e-6)

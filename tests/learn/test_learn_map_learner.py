@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cellpilot.errors import InputError
-from cellpilot.evaluate.deterministic import deterministic_figures, score
+from cellpilot.evaluate.exact import exhaustive_summary
+from cellpilot.evaluate.metrics import reached_share, return_mean, score
 from cellpilot.learn.algorithms.map_learner import MapLearner, MapLearnerSettings, learn_map
 from cellpilot.maps.estimate.gaussian_process import Kernel
 from cellpilot.policies import GreedyPolicy, OptimalPolicy
@@ -91,17 +92,17 @@ def test_every_pair_arrives_from_the_first_flight_on(make_world: MakeWorld, side
     world = smooth_world(make_world, sides, noise_db)
     for seed in (0, 1):
         for learner in learn_map(world, TASK, FAST, seed, [1, 2, 3, 6]):
-            assert deterministic_figures(world, TASK, learner.policy()).reached_share == 1.0
+            assert reached_share(exhaustive_summary(None, world, TASK, learner.policy())) == 1.0
 
 
 @pytest.mark.parametrize("exploration", ["optimism", "thompson"])
 def test_it_gets_near_the_optimum(make_world: MakeWorld, exploration: str) -> None:
     world = smooth_world(make_world, (10, 10, 1))
-    greedy, optimal = (deterministic_figures(world, TASK, p) for p in (GreedyPolicy(world), OptimalPolicy(world, TASK)))
+    greedy, optimal = (exhaustive_summary(None, world, TASK, p) for p in (GreedyPolicy(world), OptimalPolicy(world, TASK)))
     found = []
     for seed in range(3):
         learner = last(world, 20, seed, replace(FAST, exploration=exploration))
-        found.append(score(deterministic_figures(world, TASK, learner.policy()), greedy, optimal))
+        found.append(score(exhaustive_summary(None, world, TASK, learner.policy()), greedy, optimal))
     assert np.mean(found) > 0.95
 
 
@@ -124,10 +125,10 @@ def test_a_plan_for_one_goal_is_exact_on_the_optimistic_map(make_world: MakeWorl
     for goal in (0, 37):
         expected = OptimalPolicy.undiscounted(hopeful, TASK)
         tables = [
-            deterministic_figures(hopeful, TASK, policy, np.array([goal]))
+            exhaustive_summary(None, hopeful, TASK, policy, goals=np.array([goal]))
             for policy in (expected, _Table(learner.plan(goal, np.random.default_rng(0)), world.airspace.n_actions))
         ]
-        assert tables[1].return_mean == pytest.approx(tables[0].return_mean, abs=1e-4)
+        assert return_mean(tables[1]) == pytest.approx(return_mean(tables[0]), abs=1e-4)
 
 
 class _Table:
@@ -147,17 +148,17 @@ def test_blocked_cells_are_flown_around(make_world: MakeWorld) -> None:
     world = make_world((7, 7, 1), 10.0, blocked=wall)
     learner = last(world, 6, 0)
     assert not world.airspace.blocked[learner.measured_cells].any()
-    assert deterministic_figures(world, TASK, learner.policy()).reached_share == 1.0
+    assert reached_share(exhaustive_summary(None, world, TASK, learner.policy())) == 1.0
 
 
 def test_a_prior_map_helps_from_the_first_flight_on_and_may_have_holes(make_world: MakeWorld) -> None:
     world = smooth_world(make_world, (10, 10, 1))
-    greedy, optimal = (deterministic_figures(world, TASK, p) for p in (GreedyPolicy(world), OptimalPolicy(world, TASK)))
+    greedy, optimal = (exhaustive_summary(None, world, TASK, p) for p in (GreedyPolicy(world), OptimalPolicy(world, TASK)))
     prior = world.signal.mean_db.astype(np.float64) - 15.0
     prior[:5] = np.nan
     scores = []
     for known in (prior, None):
-        figures = [deterministic_figures(world, TASK, last(world, 1, seed, FAST, known).policy()) for seed in range(3)]
+        figures = [exhaustive_summary(None, world, TASK, last(world, 1, seed, FAST, known).policy()) for seed in range(3)]
         scores.append(np.mean([score(f, greedy, optimal) for f in figures]))
     assert scores[0] > 0.9
     assert scores[0] > scores[1] + 0.1

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellpilot.errors import InputError
-from cellpilot.evaluate.evaluation import exhaustive_summary
+from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.plan.route import LOOPS, REACHED, TIME_LIMIT, parse_place, plan_route, route_payload
 from cellpilot.policies import GreedyPolicy, OptimalPolicy
 from cellpilot.task import Task

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cellpilot.airspace import STOPPED
 from cellpilot.errors import InputError
 from cellpilot.evaluate import evaluate
-from cellpilot.evaluate.evaluation import exhaustive_summary
+from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, RandomPolicy
 from cellpilot.policies.base import greedy_actions, one_hot
 from cellpilot.solve import optimal_values

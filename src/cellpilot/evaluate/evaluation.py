@@ -6,27 +6,23 @@ from typing import Any
 
 import numpy as np
 
-from cellpilot.evaluate.exact import DRAWN_FLIGHTS, exact_summary
-from cellpilot.evaluate.flights import SINR_LEVELS_DB, FlightRecords, Visits, fly
+from cellpilot.evaluate.exact import exhaustive_summary, goals_at_once
+from cellpilot.evaluate.flights import SINR_LEVELS_DB, FlightRecords, Visits, draw_flights
 from cellpilot.evaluate.instances import Instances, count_pairs, sample_pairs
-from cellpilot.evaluate.metrics import METRICS
+from cellpilot.evaluate.metrics import METRICS, share_of_gain
 from cellpilot.evaluate.mobility import HandoverRule, Mobility
 from cellpilot.evaluate.statistics import mean_interval, ratio_interval, share_interval
 from cellpilot.evaluate.summary import Summary, summarise
 from cellpilot.grid import IntArray, Position
 from cellpilot.policies import Policy
+from cellpilot.solve import LARGE_CELLS
 from cellpilot.task import Task
 from cellpilot.world import World
 
 MAX_EXHAUSTIVE_PAIRS = 5_000_000
-GOALS_AT_ONCE = 40
-MOST_PAIRS = 4_000_000
-"""Cells times goals of one table of probabilities."""
-LARGE_CELLS, GOALS_TIMES_CELLS = 20_000, 9_000_000
-"""Above so many cells, sampled flights lead to fewer goals: 100 on 300 x 300 cells, 10 on 1,000 x 1,000."""
+GOALS_TIMES_CELLS = 9_000_000
+"""On more cells than `solve.LARGE_CELLS`, sampled flights lead to fewer goals: 100 on 300 x 300 cells, 10 on 1,000 x 1,000."""
 A3 = HandoverRule()
-FLAT = 1e-6
-"""Below this difference of return between optimum and baseline there is nothing to score."""
 
 Progress = Callable[[float], None]
 
@@ -90,28 +86,6 @@ def most_goals(world: World) -> int | None:
     return None if n_cells <= LARGE_CELLS else max(10, GOALS_TIMES_CELLS // n_cells)
 
 
-def exhaustive_summary(
-    rng: np.random.Generator,
-    world: World,
-    task: Task,
-    policy: Policy,
-    start: Position | None = None,
-    goal: Position | None = None,
-    progress: Progress = lambda share: None,
-) -> Summary:
-    """Exact summary over all pairs, goals in blocks."""
-    _, goals = world.airspace.start_goal_cells(start, goal)
-    blocks = [goals[i : i + GOALS_AT_ONCE] for i in range(0, len(goals), GOALS_AT_ONCE)]
-    draw_every = 1 + count_pairs(world, start, goal)[0] // DRAWN_FLIGHTS
-    total: Summary | None = None
-    for k, block in enumerate(blocks):
-        part = exact_summary(rng, world, task, policy, block, start, draw_every)
-        total = part if total is None else total + part
-        progress((k + 1) / len(blocks))
-    assert total is not None
-    return total
-
-
 def sampled_flights(
     rng: np.random.Generator,
     world: World,
@@ -122,7 +96,7 @@ def sampled_flights(
     progress: Progress = lambda share: None,
 ) -> tuple[FlightRecords, Visits]:
     """One drawn flight per instance, in the order of the instances."""
-    at_once = max(1, min(GOALS_AT_ONCE, MOST_PAIRS // world.grid.n_cells))
+    at_once = goals_at_once(world)
     goals, column = np.unique(instances.goal, return_inverse=True)
     order = np.argsort(column, kind="stable")
     parts: list[FlightRecords] = []
@@ -131,7 +105,7 @@ def sampled_flights(
         block: IntArray = goals[i : i + at_once]
         rows = order[(column[order] >= i) & (column[order] < i + at_once)]
         probabilities = policy.action_probabilities(block)
-        records, visits = fly(rng, world, task, probabilities, block, instances.start[rows], column[rows] - i, rule)
+        records, visits = draw_flights(rng, world, task, probabilities, block, instances.start[rows], column[rows] - i, rule)
         parts.append(records)
         total = total + visits
         progress(min(1.0, (i + at_once) / len(goals)))
@@ -152,8 +126,7 @@ def add_score(table: dict[str, dict[str, Any]]) -> None:
     optimal, greedy = (table[name]["return_mean"] if name in table else None for name in ("optimal", "greedy"))
     for row in table.values():
         row["regret_mean"] = None if optimal is None else optimal - row["return_mean"]
-        gain = None if optimal is None or greedy is None else optimal - greedy
-        row["score"] = (row["return_mean"] - greedy) / gain if gain is not None and abs(gain) >= FLAT else None
+        row["score"] = None if optimal is None or greedy is None else share_of_gain(row["return_mean"], greedy, optimal)
 
 
 def _metrics(summary: Summary) -> dict[str, Any]:

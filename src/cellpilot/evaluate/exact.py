@@ -1,27 +1,35 @@
 """Exact figures: every start-goal pair, in expectation over noise and over the actions of a stochastic policy.
 
-A deterministic policy is flown from every start. A stochastic one needs two recursions per goal up to the cap on
-steps: backwards for the chance to arrive after exactly t steps, forwards for how often each cell is entered.
+Both kinds of policy need two things for each goal: when flights arrive, and how often each cell is left.
+
+* For one goal a deterministic policy is a function `next[cell]`. Composing it with itself doubles the number of steps, so
+  that all flights up to the cap of 400 steps take 9 compositions, and fewer where all end earlier.
+* A stochastic one needs two recursions up to the cap: backwards for the chance to arrive after exactly t steps, forwards
+  for how often each cell is left.
+
 The longest outage depends on the order of draws; it alone comes from drawn flights: one per pair for a deterministic
 policy, evenly spread over the pairs for a stochastic one.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from cellpilot.evaluate.flights import fly
-from cellpilot.evaluate.instances import all_pairs
-from cellpilot.evaluate.summary import (
-    Summary,
-    expected_sinr_histogram,
-    longest_shortest_path,
-    steps_by_height,
-    summarise,
-)
+from cellpilot.airspace import ENTERED, MOVED
+from cellpilot.evaluate.flights import longest_outages
+from cellpilot.evaluate.instances import all_pairs, count_pairs
+from cellpilot.evaluate.summary import Summary, expected_sinr_histogram, longest_shortest_path, steps_by_height
 from cellpilot.grid import IntArray, Position
 from cellpilot.policies import Policy
 from cellpilot.task import Task
 from cellpilot.world import World
+
+FloatArray = NDArray[np.float64]
+
+GOALS_AT_ONCE = 40
+MOST_PAIRS = 4_000_000
+"""Cells times goals of one table of probabilities."""
 
 DRAWN_FLIGHTS = 250_000
 """At most about so many flights are drawn for the longest outage of a stochastic policy."""
@@ -30,69 +38,157 @@ NEGLIGIBLE = 1e-13
 """A recursion ends when no start has more than this chance of still being in the air."""
 
 
-def exact_summary(
-    rng: np.random.Generator,
+def goals_at_once(world: World) -> int:
+    """Goals for which probabilities are held in memory at once."""
+    return max(1, min(GOALS_AT_ONCE, MOST_PAIRS // world.grid.n_cells))
+
+
+def exhaustive_summary(
+    rng: np.random.Generator | None,
+    world: World,
+    task: Task,
+    policy: Policy,
+    start: Position | None = None,
+    goal: Position | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+    goals: IntArray | None = None,
+) -> Summary:
+    """Exact sums over every pair of start and goal, or over those that lead to the cells `goals`.
+
+    `rng` draws the flights behind the longest outage; without it that figure is missing. `ValueError` if no start can reach
+    any goal.
+    """
+    if goals is None:
+        _, goals = world.airspace.start_goal_cells(start, goal)
+    at_once = goals_at_once(world)
+    draw_every = 1 if policy.deterministic else 1 + count_pairs(world, start, goal)[0] // DRAWN_FLIGHTS
+    total: Summary | None = None
+    for i in range(0, len(goals), at_once):
+        block = np.asarray(goals[i : i + at_once])
+        part = _block_summary(rng, world, task, policy, block, start, draw_every)
+        total = part if total is None else total + part
+        progress(min(1.0, (i + at_once) / len(goals)))
+    if total is None or not total.n_flights:
+        raise ValueError("no start can reach any of the goals")
+    return total
+
+
+def _block_summary(
+    rng: np.random.Generator | None,
     world: World,
     task: Task,
     policy: Policy,
     goals: IntArray,
-    start: Position | None = None,
-    draw_every: int = 1,
+    start: Position | None,
+    draw_every: int,
 ) -> Summary:
-    """Summary over every start and these goals.
-
-    `rng` is used for the longest outage alone; for a stochastic policy it comes from every `draw_every`-th pair.
-    """
     probabilities = policy.action_probabilities(goals)
     starts, goal = all_pairs(world, goals, start)
     order = np.argsort(goals)
     column = order[np.searchsorted(goals, goal, sorter=order)]
-    drawn = slice(None, None, 1 if policy.deterministic else draw_every)
-    records, visits = fly(rng, world, task, probabilities, goals, starts[drawn], column[drawn])
-    flown = summarise(records, visits, world, task, expected=True)
-    return flown if policy.deterministic else _recursion(world, task, probabilities, goals, starts, column, flown.outages)
-
-
-def _recursion(
-    world: World,
-    task: Task,
-    probabilities: NDArray[np.float32],
-    goals: IntArray,
-    starts: IntArray,
-    column: IntArray,
-    outages: NDArray[np.float64],
-) -> Summary:
-    exact = probabilities.astype(np.float64)
-    exact /= exact.sum(-1, keepdims=True)  # float32 rows sum to 1 only within 1e-7, which 400 steps would compound
-    chance = [np.ascontiguousarray(exact[..., a]) for a in range(world.airspace.n_actions)]
     departures = np.zeros((world.grid.n_cells, len(goals)))
     departures[starts, column] = 1.0
-    arrivals, in_the_air = _arrivals(world, task, chance, goals, departures)
-    expected_return, entered, n_steps = _occupancy(world, task, chance, goals, departures, in_the_air)
-    low = world.outage_probability(task.threshold_db)
+    outages = np.zeros(task.max_steps + 1)
+    if rng is not None:
+        drawn = longest_outages(rng, world, task, probabilities, goals, starts[::draw_every], column[::draw_every])
+        outages += np.bincount(drawn, minlength=outages.size)
+    width = longest_shortest_path(world, task) + 1
+    shortest = np.where(departures > 0, np.minimum(world.airspace.shortest_steps(goals), width - 1), 0).astype(np.intp)
+    if policy.deterministic:
+        actions = probabilities.argmax(-1)
+        n_steps, reached, time_in_cell = fly_all(world, task, actions, goals, departures)
+        arrived = (departures > 0) & reached
+        place = n_steps[arrived] * np.intp(width) + shortest[arrived]
+        arrivals = np.bincount(place, minlength=outages.size * width).reshape(outages.size, width).astype(float)
+        cell = np.arange(world.grid.n_cells)[:, None]
+        next_cell = world.airspace.next_cell[cell, actions]
+        entered = np.bincount(next_cell.ravel(), time_in_cell.ravel(), minlength=world.grid.n_cells).astype(float)
+        return_sum = float((time_in_cell * task.expected_outcome(world, cell, actions, goals[None, :]).reward).sum())
+    else:
+        exact = probabilities.astype(np.float64)
+        exact /= exact.sum(-1, keepdims=True)  # float32 rows sum to 1 only within 1e-7, which 400 steps would compound
+        chance = [np.ascontiguousarray(exact[..., action]) for action in range(world.airspace.n_actions)]
+        arrivals, in_the_air = _arrivals(world, task, chance, goals, departures, shortest, width)
+        time_in_cell = _time_in_cells(world, chance, goals, departures, in_the_air)
+        entered = _push(world, chance, time_in_cell).sum(1)
+        return_sum = _expected_return(world, task, chance, goals, time_in_cell)
     return Summary(
         n_flights=float(len(starts)),
         arrivals=arrivals,
-        n_steps=n_steps,
-        low_steps=float(low @ entered),
-        return_sum=expected_return,
+        n_steps=float(time_in_cell.sum()),
+        low_steps=float(world.outage_probability(task.threshold_db) @ entered),
+        return_sum=return_sum,
         steps_by_height=steps_by_height(entered, world),
         sinr_histogram=expected_sinr_histogram(entered, world),
         outages=outages,
     )
 
 
+def _expected_return(world: World, task: Task, chance: list[FloatArray], goals: IntArray, time_in_cell: FloatArray) -> float:
+    """Expected return over all flights, undiscounted."""
+    cell, total = np.arange(world.grid.n_cells)[:, None], 0.0
+    for action, pi in enumerate(chance):
+        reward = task.expected_outcome(world, cell, action, goals[None, :]).reward
+        total += float((time_in_cell * pi * reward).sum())
+    return total
+
+
+def fly_all(
+    world: World, task: Task, actions: NDArray[np.integer], goals: IntArray, departures: FloatArray
+) -> tuple[IntArray, NDArray[np.bool_], FloatArray]:
+    """Flights of a deterministic policy from every cell to each goal under `actions [n_cells, goals]`.
+
+    Steps flown up to the cap, and whether the goal was reached within it, `[n_cells, goals]` from each cell; and how often
+    each cell is left, `[n_cells, goals]`, when so many flights depart there as `departures [n_cells, goals]` says.
+    """
+    n_cells, n_goals = departures.shape
+    cell, goal, action = np.arange(n_cells)[None, :], goals[:, None], np.ascontiguousarray(actions.T)
+    at_goal, over = task.end(cell, np.where(world.airspace.blocked, ENTERED, MOVED)[None, :], goal)
+    here = np.arange(n_goals * n_cells).reshape(n_goals, n_cells)
+    leads = world.airspace.next_cell[cell, action] + n_cells * np.arange(n_goals)[:, None]
+    # A flight that has ended stays where it is. A state is a pair (goal, cell), all of them in one row.
+    over = over.ravel()
+    power, power_steps = np.where(over, here.ravel(), leads.ravel()).astype(np.intp), (~over).astype(np.int32)
+    mass = np.ascontiguousarray(departures.T).ravel()
+    flown = mass > 0
+    end, steps, time, left = here.ravel(), np.zeros(here.size, np.int32), np.zeros(here.size), task.max_steps
+    push = lambda through, weights: np.bincount(through, weights, minlength=here.size)
+    # `mass` counts where flights are in the first 1, 2, 4, ... steps; `end`, `steps` and `time` hold the steps of the
+    # binary digits of the cap so far.
+    while left:
+        all_over = bool(over[power[flown]].all())
+        if all_over:
+            end, steps, time = power, power_steps, mass
+            break
+        if left & 1:
+            time = time + push(end, mass)
+            end, steps = power[end], steps + power_steps[end]
+        left >>= 1
+        if left:
+            mass = mass + push(power, mass)
+            power, power_steps = power[power], power_steps + power_steps[power]
+
+    def by_cell(values: NDArray[np.generic]) -> NDArray[np.generic]:
+        return values.reshape(n_goals, n_cells).T
+
+    return by_cell(steps), by_cell(at_goal.ravel()[end]), by_cell(np.where(over, 0.0, time))  # type: ignore[return-value]
+
+
 def _arrivals(
-    world: World, task: Task, chance: list[NDArray[np.float64]], goals: IntArray, departures: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], int]:
+    world: World,
+    task: Task,
+    chance: list[FloatArray],
+    goals: IntArray,
+    departures: FloatArray,
+    shortest: NDArray[np.intp],
+    width: int,
+) -> tuple[FloatArray, int]:
     """Arrivals `[steps, shortest]`, and the number of steps after which nobody is in the air any more.
 
     f_t(s) = sum_a pi(a|s) f_{t-1}(s'), where f_0 is 1 at the goal and 0 elsewhere, and f_t = 0 for t > 0 where flights end.
     Who has ended elsewhere counts as in the air here, for ever.
     """
     at_goal = (goals, np.arange(len(goals)))
-    width = longest_shortest_path(world, task) + 1
-    shortest = np.where(departures > 0, np.minimum(world.airspace.shortest_steps(goals), width - 1), 0).astype(np.intp)
     arrivals = np.zeros((task.max_steps + 1, width))
     hit = np.zeros_like(departures)
     hit[at_goal] = 1.0
@@ -111,15 +207,8 @@ def _arrivals(
     return arrivals, task.max_steps
 
 
-def _occupancy(
-    world: World,
-    task: Task,
-    chance: list[NDArray[np.float64]],
-    goals: IntArray,
-    departures: NDArray[np.float64],
-    n_steps: int,
-) -> tuple[float, NDArray[np.float64], float]:
-    """Expected return over all flights, how often each cell is entered `[n_cells]`, and all steps flown.
+def _time_in_cells(world: World, chance: list[FloatArray], goals: IntArray, departures: FloatArray, n_steps: int) -> FloatArray:
+    """How often each cell is left, `[n_cells, goals]`.
 
     Moves m_{t+1}(s') = sum over (s, a) that lead to s' of m_t(s) pi(a|s); mass where flights end leaves.
     """
@@ -131,16 +220,10 @@ def _occupancy(
         flying = _push(world, chance, flying)
         flying[at_goal] = 0.0
         flying[world.airspace.blocked] = 0.0
-    cell = np.arange(world.grid.n_cells)[:, None]
-    total = 0.0
-    for action, pi in enumerate(chance):
-        reward = task.expected_outcome(world, cell, action, goals[None, :]).reward
-        total += float((time_in_cell * pi * reward).sum())
-    entered = _push(world, chance, time_in_cell).sum(1)
-    return total, entered, float(time_in_cell.sum())
+    return time_in_cell
 
 
-def _push(world: World, chance: list[NDArray[np.float64]], mass: NDArray[np.float64]) -> NDArray[np.float64]:
+def _push(world: World, chance: list[FloatArray], mass: FloatArray) -> FloatArray:
     """Mass `[n_cells, goals]` after one step of the policy.
 
     An action leads two cells to the same place only where one of them stays put; those are added apart, so that the

@@ -1,8 +1,10 @@
 """Many flights in lock-step, in NumPy: one draw of noise and actions each, and the expectation beside it."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import reduce
 from operator import add
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +53,16 @@ SINR_LEVELS_DB = np.arange(-30.0, 40.05, 0.1).round(1)
 """Levels at which the distribution of measured SINR is kept [dB]; they contain the bounds of every RF class."""
 
 
-def fly(
+class Step(NamedTuple):
+    """One step of those flights that are still in the air, fields `[n]`."""
+
+    flight: IntArray  # their numbers
+    transition: Transition
+    goal: IntArray
+    reached: NDArray[np.bool_]
+
+
+def draw_flights(
     rng: np.random.Generator,
     world: World,
     task: Task,
@@ -65,18 +76,76 @@ def fly(
 
     With a `rule` the handovers and the time of outages are followed as well.
     """
-    if world.signal.unknown is not None:
-        rows = max(1, FLIGHTS_WITH_OWN_MAP // world.grid.n_cells)
-        parts = [
-            _fly(rng, world, task, probabilities, goals, start[i : i + rows], goal_column[i : i + rows], rule)
-            for i in range(0, len(start), rows)
-        ]
-        visits = reduce(add, [visits for _, visits in parts])
-        return FlightRecords.concatenate([records for records, _ in parts]), visits
-    return _fly(rng, world, task, probabilities, goals, start, goal_column, rule)
+    parts = [
+        _recorded(rng, world, task, probabilities, goals, start[rows], goal_column[rows], rule)
+        for rows in _at_once(world, len(start))
+    ]
+    return FlightRecords.concatenate([records for records, _ in parts]), reduce(add, [visits for _, visits in parts])
 
 
-def _fly(
+def longest_outages(
+    rng: np.random.Generator,
+    world: World,
+    task: Task,
+    probabilities: NDArray[np.float32],
+    goals: IntArray,
+    start: IntArray,
+    goal_column: IntArray,
+) -> IntArray:
+    """Longest run of steps below the threshold `[flights]` of the flights that `draw_flights` draws."""
+    longest = np.zeros(len(start), np.int32)
+    for rows in _at_once(world, len(start)):
+        part = longest[rows]
+        outage = np.zeros_like(part)
+        for step in _steps(rng, world, task, probabilities, goals, start[rows], goal_column[rows]):
+            _count_outage(outage, part, step.flight, step.transition.sinr_db < task.threshold_db)
+    return longest
+
+
+def _count_outage(outage: IntArray, longest: IntArray, flight: IntArray, low: NDArray[np.bool_]) -> None:
+    """Write the present and the longest outage of the numbered flights after one more step."""
+    outage[flight] = np.where(low, outage[flight] + 1, 0)
+    longest[flight] = np.maximum(longest[flight], outage[flight])
+
+
+def _at_once(world: World, n: int) -> list[slice]:
+    """Flights that are drawn together: all of them, unless each has its own draw of an uncertain map."""
+    rows = n if world.signal.unknown is None else FLIGHTS_WITH_OWN_MAP // world.grid.n_cells
+    return [slice(i, i + max(1, rows)) for i in range(0, max(1, n), max(1, rows))]
+
+
+def _steps(
+    rng: np.random.Generator,
+    world: World,
+    task: Task,
+    probabilities: NDArray[np.float32],
+    goals: IntArray,
+    start: IntArray,
+    goal_column: IntArray,
+) -> Iterator[Step]:
+    """All flights in lock-step, until each has ended or the cap on steps is reached."""
+    n, signal, airspace = len(start), world.signal, world.airspace
+    own_map = None if signal.unknown is None else signal.unknown.draw(rng.standard_normal((n, world.grid.n_cells), np.float32))
+    certain = bool((probabilities.max(-1) == 1).all())
+    choice = probabilities.argmax(-1).astype(np.int8) if certain else np.cumsum(probabilities, -1)[..., :-1]
+    flight, cell, column = np.arange(n), start.astype(np.int32), goal_column
+    for _ in range(task.max_steps):
+        if not flight.size:
+            return
+        row = choice[cell, column]
+        action = row if certain else (rng.random(len(flight))[:, None] >= row).sum(-1)
+        next_cell = airspace.next_cell[cell, action]
+        error_db = None if own_map is None else own_map[flight, next_cell]
+        noise = rng.standard_normal(len(flight), np.float32) if signal.noise_std_db else None
+        sinr_db = signal.measure(next_cell, error_db, noise)
+        transition = Transition(cell, action, next_cell, sinr_db, airspace.event[cell, action])
+        reached, terminated = task.end(next_cell, transition.event, goals[column])
+        yield Step(flight, transition, goals[column], reached)
+        going = ~terminated
+        flight, cell, column = flight[going], next_cell[going], column[going]
+
+
+def _recorded(
     rng: np.random.Generator,
     world: World,
     task: Task,
@@ -86,46 +155,27 @@ def _fly(
     goal_column: IntArray,
     rule: HandoverRule | None,
 ) -> tuple[FlightRecords, Visits]:
-    n = len(start)
     ride = None if rule is None else Ride(world, rule, start)
-    signal, airspace = world.signal, world.airspace
     low_probability = world.outage_probability(task.threshold_db)
-    own_map = None if signal.unknown is None else signal.unknown.draw(rng.standard_normal((n, world.grid.n_cells), np.float32))
-    certain = bool((probabilities.max(-1) == 1).all())
-    choice = probabilities.argmax(-1).astype(np.int8) if certain else np.cumsum(probabilities, -1)[..., :-1]
-    records = _empty_records(n)
-    records.shortest_steps[:] = airspace.shortest_steps(goals)[start, goal_column]
+    records = _empty_records(len(start))
+    records.shortest_steps[:] = world.airspace.shortest_steps(goals)[start, goal_column]
     by_cell, histogram = np.zeros(world.grid.n_cells), np.zeros(len(SINR_LEVELS_DB) + 1)
-    flight, cell, column = np.arange(n), start.astype(np.int32), goal_column
-    outage = np.zeros(n, np.int32)
-    for _ in range(task.max_steps):
-        if not flight.size:
-            break
-        row = choice[cell, column]
-        action = row if certain else (rng.random(len(flight))[:, None] >= row).sum(-1)
-        next_cell = airspace.next_cell[cell, action]
-        error_db = None if own_map is None else own_map[flight, next_cell]
-        noise = rng.standard_normal(len(flight), np.float32) if signal.noise_std_db else None
-        sinr_db = signal.measure(next_cell, error_db, noise)
-        transition = Transition(cell, action, next_cell, sinr_db, airspace.event[cell, action])
-        reward, reached, terminated = task.outcome(transition, goals[column])
-        expected = task.expected_outcome(world, cell, action, goals[column]).reward
+    outage = np.zeros(len(start), np.int32)
+    for flight, transition, goal, reached in _steps(rng, world, task, probabilities, goals, start, goal_column):
+        cell, action, next_cell, sinr_db, _ = transition
         low = sinr_db < task.threshold_db
         records.n_steps[flight] += 1
-        records.drawn_return[flight] += reward
-        records.expected_return[flight] += expected
+        records.drawn_return[flight] += task.outcome(transition, goal).reward
+        records.expected_return[flight] += task.expected_outcome(world, cell, action, goal).reward
         records.low_steps[flight] += low
         records.expected_low_steps[flight] += low_probability[next_cell]
-        outage[flight] = np.where(low, outage[flight] + 1, 0)
-        records.longest_outage_steps[flight] = np.maximum(records.longest_outage_steps[flight], outage[flight])
+        _count_outage(outage, records.longest_outage_steps, flight, low)
         if ride is not None:
             ride.step(flight, cell, next_cell, low)
         records.reached[flight[reached]] = True
         by_cell += np.bincount(next_cell, minlength=by_cell.size)
         known_db = sinr_db[~np.isnan(sinr_db)]  # a flight may end in a blocked cell of unknown SINR
         histogram += np.bincount(np.searchsorted(SINR_LEVELS_DB, known_db, side="right"), minlength=histogram.size)
-        going = ~terminated
-        flight, cell, column = flight[going], next_cell[going], column[going]
     return records, Visits(by_cell, histogram, Mobility() if ride is None else ride.mobility)
 
 

@@ -17,6 +17,9 @@ from cellpilot.evaluate.summary import Summary
 RF_CLASSES_DB = {"excellent": (20.0, np.inf), "good": (13.0, 20.0), "mid cell": (0.0, 13.0), "cell edge": (-np.inf, 0.0)}
 """SINR classes of Figure 4.4 [dB]: lower bound included."""
 
+FLAT = 1e-6
+"""Below this difference of return between optimum and baseline there is nothing to score."""
+
 
 def reached_share(summary: Summary) -> float:
     """Share of flights that reached the goal within the cap on steps."""
@@ -53,6 +56,17 @@ def _path_ratio_quantile(q: float, failures: bool) -> Callable[[Summary], float 
 def return_mean(summary: Summary) -> float:
     """Mean undiscounted return per flight, the cap included."""
     return summary.return_sum / summary.n_flights
+
+
+def score(found: Summary, greedy: Summary, optimal: Summary) -> float | None:
+    """(policy - greedy) / (optimal - greedy) of the mean returns; see `share_of_gain`."""
+    return share_of_gain(return_mean(found), return_mean(greedy), return_mean(optimal))
+
+
+def share_of_gain(found: float, greedy: float, optimal: float) -> float | None:
+    """(found - greedy) / (optimal - greedy) of mean returns, not clipped; None where those two are the same."""
+    gain = optimal - greedy
+    return (found - greedy) / gain if abs(gain) >= FLAT else None
 
 
 def altitude_share(summary: Summary) -> list[float]:
