@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cellpilot.evaluate import METRICS
 from cellpilot.evaluate.exact import GOALS_AT_ONCE, exhaustive_summary, fly_all
-from cellpilot.evaluate.flights import draw_flights
+from cellpilot.evaluate.flights import Departures, draw_flights
 from cellpilot.evaluate.instances import all_pairs
 from cellpilot.evaluate.metrics import reached_share, return_mean, score
 from cellpilot.evaluate.summary import Summary, summarise
@@ -49,7 +49,9 @@ def flown(world: World, task: Task, policy: TablePolicy) -> Summary:
     goals = world.airspace.free_cells
     start, goal = all_pairs(world, goals)
     column = np.searchsorted(goals, goal)
-    drawn = draw_flights(np.random.default_rng(0), world, task, policy.action_probabilities(goals), goals, start, column)
+    drawn = draw_flights(
+        np.random.default_rng(0), world, task, Departures(policy.action_probabilities(goals), goals, start, column)
+    )
     return summarise(*drawn, world, task, expected=True)
 
 
@@ -89,7 +91,7 @@ def test_every_pair_equals_its_own_flight(random_world: MakeWorld, seed: int, er
     start, goal = all_pairs(world, goals)
     column = np.array([np.flatnonzero(goals == g)[0] for g in goal])
     probabilities = policy.action_probabilities(goals)
-    records, visits = draw_flights(np.random.default_rng(0), world, task, probabilities, goals, start, column)
+    records, visits = draw_flights(np.random.default_rng(0), world, task, Departures(probabilities, goals, start, column))
     departures = np.zeros((world.grid.n_cells, len(goals)))
     departures[start, column] = 1.0
     n_steps, reached, left = fly_all(world, task, probabilities.argmax(-1), goals, departures)

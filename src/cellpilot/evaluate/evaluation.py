@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cellpilot.evaluate.exact import exhaustive_summary, goals_at_once
-from cellpilot.evaluate.flights import SINR_LEVELS_DB, FlightRecords, Visits, draw_flights
+from cellpilot.evaluate.flights import SINR_LEVELS_DB, Departures, FlightRecords, Visits, draw_flights
 from cellpilot.evaluate.instances import Instances, count_pairs, sample_pairs
 from cellpilot.evaluate.metrics import METRICS, share_of_gain
 from cellpilot.evaluate.mobility import HandoverRule, Mobility
@@ -104,8 +104,8 @@ def sampled_flights(
     for i in range(0, len(goals), at_once):
         block: IntArray = goals[i : i + at_once]
         rows = order[(column[order] >= i) & (column[order] < i + at_once)]
-        probabilities = policy.action_probabilities(block)
-        records, visits = draw_flights(rng, world, task, probabilities, block, instances.start[rows], column[rows] - i, rule)
+        departures = Departures(policy.action_probabilities(block), block, instances.start[rows], column[rows] - i)
+        records, visits = draw_flights(rng, world, task, departures, rule)
         parts.append(records)
         total = total + visits
         progress(min(1.0, (i + at_once) / len(goals)))

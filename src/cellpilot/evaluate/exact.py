@@ -12,12 +12,13 @@ policy, evenly spread over the pairs for a stochastic one.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.airspace import ENTERED, MOVED
-from cellpilot.evaluate.flights import longest_outages
+from cellpilot.evaluate.flights import Departures, longest_outages
 from cellpilot.evaluate.instances import all_pairs, count_pairs
 from cellpilot.evaluate.summary import Summary, expected_sinr_histogram, longest_shortest_path, steps_by_height
 from cellpilot.grid import IntArray, Position
@@ -86,32 +87,17 @@ def _block_summary(
     starts, goal = all_pairs(world, goals, start)
     order = np.argsort(goals)
     column = order[np.searchsorted(goals, goal, sorter=order)]
-    departures = np.zeros((world.grid.n_cells, len(goals)))
-    departures[starts, column] = 1.0
     outages = np.zeros(task.max_steps + 1)
     if rng is not None:
-        drawn = longest_outages(rng, world, task, probabilities, goals, starts[::draw_every], column[::draw_every])
-        outages += np.bincount(drawn, minlength=outages.size)
+        some = Departures(probabilities, goals, starts[::draw_every], column[::draw_every])
+        outages += np.bincount(longest_outages(rng, world, task, some), minlength=outages.size)
+    departures = np.zeros((world.grid.n_cells, len(goals)))
+    departures[starts, column] = 1.0
     width = longest_shortest_path(world, task) + 1
     shortest = np.where(departures > 0, np.minimum(world.airspace.shortest_steps(goals), width - 1), 0).astype(np.intp)
-    if policy.deterministic:
-        actions = probabilities.argmax(-1)
-        n_steps, reached, time_in_cell = fly_all(world, task, actions, goals, departures)
-        arrived = (departures > 0) & reached
-        place = n_steps[arrived] * np.intp(width) + shortest[arrived]
-        arrivals = np.bincount(place, minlength=outages.size * width).reshape(outages.size, width).astype(float)
-        cell = np.arange(world.grid.n_cells)[:, None]
-        next_cell = world.airspace.next_cell[cell, actions]
-        entered = np.bincount(next_cell.ravel(), time_in_cell.ravel(), minlength=world.grid.n_cells).astype(float)
-        return_sum = float((time_in_cell * task.expected_outcome(world, cell, actions, goals[None, :]).reward).sum())
-    else:
-        exact = probabilities.astype(np.float64)
-        exact /= exact.sum(-1, keepdims=True)  # float32 rows sum to 1 only within 1e-7, which 400 steps would compound
-        chance = [np.ascontiguousarray(exact[..., action]) for action in range(world.airspace.n_actions)]
-        arrivals, in_the_air = _arrivals(world, task, chance, goals, departures, shortest, width)
-        time_in_cell = _time_in_cells(world, chance, goals, departures, in_the_air)
-        entered = _push(world, chance, time_in_cell).sum(1)
-        return_sum = _expected_return(world, task, chance, goals, time_in_cell)
+    figures = _deterministic if policy.deterministic else _stochastic
+    block = _Block(probabilities, goals, departures, shortest, width)
+    arrivals, time_in_cell, entered, return_sum = figures(world, task, block)
     return Summary(
         n_flights=float(len(starts)),
         arrivals=arrivals,
@@ -122,6 +108,49 @@ def _block_summary(
         sinr_histogram=expected_sinr_histogram(entered, world),
         outages=outages,
     )
+
+
+class _Block(NamedTuple):
+    """Some goals, the policy that leads there, and the flights that depart."""
+
+    probabilities: NDArray[np.float32]  # [n_cells, goals, actions]
+    goals: IntArray  # [goals]
+    departures: FloatArray  # [n_cells, goals] flights from each cell
+    shortest: NDArray[np.intp]  # [n_cells, goals] steps of the shortest allowed path, below `width`; 0 where none departs
+    width: int  # of tables over shortest paths
+
+
+class _Figures(NamedTuple):
+    """What both kinds of policy need."""
+
+    arrivals: FloatArray  # [steps, shortest]
+    time_in_cell: FloatArray  # [n_cells, goals] how often each cell is left
+    entered: FloatArray  # [n_cells] how often each cell is entered
+    return_sum: float  # expected, undiscounted
+
+
+def _deterministic(world: World, task: Task, block: _Block) -> _Figures:
+    probabilities, goals, departures, shortest, width = block
+    actions = probabilities.argmax(-1)
+    n_steps, reached, time_in_cell = fly_all(world, task, actions, goals, departures)
+    arrived = (departures > 0) & reached
+    place = n_steps[arrived] * np.intp(width) + shortest[arrived]
+    arrivals = np.bincount(place, minlength=(task.max_steps + 1) * width).reshape(-1, width).astype(float)
+    cell = np.arange(world.grid.n_cells)[:, None]
+    next_cell = world.airspace.next_cell[cell, actions]
+    entered = np.bincount(next_cell.ravel(), time_in_cell.ravel(), minlength=world.grid.n_cells).astype(float)
+    reward = task.expected_outcome(world, cell, actions, goals[None, :]).reward
+    return _Figures(arrivals, time_in_cell, entered, float((time_in_cell * reward).sum()))
+
+
+def _stochastic(world: World, task: Task, block: _Block) -> _Figures:
+    exact = block.probabilities.astype(np.float64)
+    exact /= exact.sum(-1, keepdims=True)  # float32 rows sum to 1 only within 1e-7, which 400 steps would compound
+    chance = [np.ascontiguousarray(exact[..., action]) for action in range(world.airspace.n_actions)]
+    arrivals, in_the_air = _arrivals(world, task, chance, block)
+    time_in_cell = _time_in_cells(world, chance, block, in_the_air)
+    entered = _push(world, chance, time_in_cell).sum(1)
+    return _Figures(arrivals, time_in_cell, entered, _expected_return(world, task, chance, block.goals, time_in_cell))
 
 
 def _expected_return(world: World, task: Task, chance: list[FloatArray], goals: IntArray, time_in_cell: FloatArray) -> float:
@@ -156,8 +185,7 @@ def fly_all(
     # `mass` counts where flights are in the first 1, 2, 4, ... steps; `end`, `steps` and `time` hold the steps of the
     # binary digits of the cap so far.
     while left:
-        all_over = bool(over[power[flown]].all())
-        if all_over:
+        if over[power[flown]].all():
             end, steps, time = power, power_steps, mass
             break
         if left & 1:
@@ -174,20 +202,13 @@ def fly_all(
     return by_cell(steps), by_cell(at_goal.ravel()[end]), by_cell(np.where(over, 0.0, time))  # type: ignore[return-value]
 
 
-def _arrivals(
-    world: World,
-    task: Task,
-    chance: list[FloatArray],
-    goals: IntArray,
-    departures: FloatArray,
-    shortest: NDArray[np.intp],
-    width: int,
-) -> tuple[FloatArray, int]:
+def _arrivals(world: World, task: Task, chance: list[FloatArray], block: _Block) -> tuple[FloatArray, int]:
     """Arrivals `[steps, shortest]`, and the number of steps after which nobody is in the air any more.
 
     f_t(s) = sum_a pi(a|s) f_{t-1}(s'), where f_0 is 1 at the goal and 0 elsewhere, and f_t = 0 for t > 0 where flights end.
     Who has ended elsewhere counts as in the air here, for ever.
     """
+    _, goals, departures, shortest, width = block
     at_goal = (goals, np.arange(len(goals)))
     arrivals = np.zeros((task.max_steps + 1, width))
     hit = np.zeros_like(departures)
@@ -207,14 +228,14 @@ def _arrivals(
     return arrivals, task.max_steps
 
 
-def _time_in_cells(world: World, chance: list[FloatArray], goals: IntArray, departures: FloatArray, n_steps: int) -> FloatArray:
+def _time_in_cells(world: World, chance: list[FloatArray], block: _Block, n_steps: int) -> FloatArray:
     """How often each cell is left, `[n_cells, goals]`.
 
     Moves m_{t+1}(s') = sum over (s, a) that lead to s' of m_t(s) pi(a|s); mass where flights end leaves.
     """
-    at_goal = (goals, np.arange(len(goals)))
-    time_in_cell = np.zeros_like(departures)
-    flying = departures.copy()
+    at_goal = (block.goals, np.arange(len(block.goals)))
+    time_in_cell = np.zeros_like(block.departures)
+    flying = block.departures.copy()
     for _ in range(n_steps):
         time_in_cell += flying
         flying = _push(world, chance, flying)

@@ -53,6 +53,22 @@ SINR_LEVELS_DB = np.arange(-30.0, 40.05, 0.1).round(1)
 """Levels at which the distribution of measured SINR is kept [dB]; they contain the bounds of every RF class."""
 
 
+class Departures(NamedTuple):
+    """Flights about to begin, and the policy that flies them."""
+
+    probabilities: NDArray[np.float32]  # [n_cells, goals, actions]
+    goals: IntArray  # [goals]
+    start: IntArray  # [flights]
+    goal_column: IntArray  # [flights] of `goals` and `probabilities`
+
+    def blocks(self, world: World) -> "list[Departures]":
+        """Those that are drawn together: all of them, unless each flight has its own draw of an uncertain map."""
+        n = max(1, len(self.start))
+        rows = n if world.signal.unknown is None else max(1, FLIGHTS_WITH_OWN_MAP // world.grid.n_cells)
+        part = lambda i: self._replace(start=self.start[i : i + rows], goal_column=self.goal_column[i : i + rows])
+        return [part(i) for i in range(0, n, rows)]
+
+
 class Step(NamedTuple):
     """One step of those flights that are still in the air, fields `[n]`."""
 
@@ -63,43 +79,25 @@ class Step(NamedTuple):
 
 
 def draw_flights(
-    rng: np.random.Generator,
-    world: World,
-    task: Task,
-    probabilities: NDArray[np.float32],
-    goals: IntArray,
-    start: IntArray,
-    goal_column: IntArray,
-    rule: HandoverRule | None = None,
+    rng: np.random.Generator, world: World, task: Task, departures: Departures, rule: HandoverRule | None = None
 ) -> tuple[FlightRecords, Visits]:
-    """Fly from each `start` to `goals[goal_column]` under `probabilities [n_cells, goals, actions]`.
+    """Fly from each start to its goal, one draw of noise, map and actions each.
 
     With a `rule` the handovers and the time of outages are followed as well.
     """
-    parts = [
-        _recorded(rng, world, task, probabilities, goals, start[rows], goal_column[rows], rule)
-        for rows in _at_once(world, len(start))
-    ]
+    parts = [_recorded(rng, world, task, block, rule) for block in departures.blocks(world)]
     return FlightRecords.concatenate([records for records, _ in parts]), reduce(add, [visits for _, visits in parts])
 
 
-def longest_outages(
-    rng: np.random.Generator,
-    world: World,
-    task: Task,
-    probabilities: NDArray[np.float32],
-    goals: IntArray,
-    start: IntArray,
-    goal_column: IntArray,
-) -> IntArray:
+def longest_outages(rng: np.random.Generator, world: World, task: Task, departures: Departures) -> IntArray:
     """Longest run of steps below the threshold `[flights]` of the flights that `draw_flights` draws."""
-    longest = np.zeros(len(start), np.int32)
-    for rows in _at_once(world, len(start)):
-        part = longest[rows]
-        outage = np.zeros_like(part)
-        for step in _steps(rng, world, task, probabilities, goals, start[rows], goal_column[rows]):
-            _count_outage(outage, part, step.flight, step.transition.sinr_db < task.threshold_db)
-    return longest
+    parts = []
+    for block in departures.blocks(world):
+        outage, longest = (np.zeros(len(block.start), np.int32) for _ in range(2))
+        for step in _steps(rng, world, task, block):
+            _count_outage(outage, longest, step.flight, step.transition.sinr_db < task.threshold_db)
+        parts.append(longest)
+    return np.concatenate(parts)
 
 
 def _count_outage(outage: IntArray, longest: IntArray, flight: IntArray, low: NDArray[np.bool_]) -> None:
@@ -108,22 +106,9 @@ def _count_outage(outage: IntArray, longest: IntArray, flight: IntArray, low: ND
     longest[flight] = np.maximum(longest[flight], outage[flight])
 
 
-def _at_once(world: World, n: int) -> list[slice]:
-    """Flights that are drawn together: all of them, unless each has its own draw of an uncertain map."""
-    rows = n if world.signal.unknown is None else FLIGHTS_WITH_OWN_MAP // world.grid.n_cells
-    return [slice(i, i + max(1, rows)) for i in range(0, max(1, n), max(1, rows))]
-
-
-def _steps(
-    rng: np.random.Generator,
-    world: World,
-    task: Task,
-    probabilities: NDArray[np.float32],
-    goals: IntArray,
-    start: IntArray,
-    goal_column: IntArray,
-) -> Iterator[Step]:
+def _steps(rng: np.random.Generator, world: World, task: Task, departures: Departures) -> Iterator[Step]:
     """All flights in lock-step, until each has ended or the cap on steps is reached."""
+    probabilities, goals, start, goal_column = departures
     n, signal, airspace = len(start), world.signal, world.airspace
     own_map = None if signal.unknown is None else signal.unknown.draw(rng.standard_normal((n, world.grid.n_cells), np.float32))
     certain = bool((probabilities.max(-1) == 1).all())
@@ -146,22 +131,16 @@ def _steps(
 
 
 def _recorded(
-    rng: np.random.Generator,
-    world: World,
-    task: Task,
-    probabilities: NDArray[np.float32],
-    goals: IntArray,
-    start: IntArray,
-    goal_column: IntArray,
-    rule: HandoverRule | None,
+    rng: np.random.Generator, world: World, task: Task, departures: Departures, rule: HandoverRule | None
 ) -> tuple[FlightRecords, Visits]:
+    start = departures.start
     ride = None if rule is None else Ride(world, rule, start)
     low_probability = world.outage_probability(task.threshold_db)
     records = _empty_records(len(start))
-    records.shortest_steps[:] = world.airspace.shortest_steps(goals)[start, goal_column]
+    records.shortest_steps[:] = world.airspace.shortest_steps(departures.goals)[start, departures.goal_column]
     by_cell, histogram = np.zeros(world.grid.n_cells), np.zeros(len(SINR_LEVELS_DB) + 1)
     outage = np.zeros(len(start), np.int32)
-    for flight, transition, goal, reached in _steps(rng, world, task, probabilities, goals, start, goal_column):
+    for flight, transition, goal, reached in _steps(rng, world, task, departures):
         cell, action, next_cell, sinr_db, _ = transition
         low = sinr_db < task.threshold_db
         records.n_steps[flight] += 1
