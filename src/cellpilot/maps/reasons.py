@@ -1,6 +1,7 @@
 """Why a cell may not be entered: a code for each cell, and the table of reasons that the codes count through."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import MISSING, asdict, dataclass, fields
 from typing import TYPE_CHECKING
@@ -66,23 +67,35 @@ def reasons_text(reasons: Sequence[Reason]) -> str:
 
 def parsed_reasons(text: object, where: str) -> tuple[Reason, ...]:
     """The reasons in an attribute; `InputError` if it is no such table."""
-    kinds = {"name": str, "source": str, "datum": str, "validity": str, "lack_of_data": bool}
     try:
         entries = json.loads(str(text))
         if not isinstance(entries, list) or len(entries) > MOST_REASONS:
             raise ValueError(f"expected a list of at most {MOST_REASONS}")
-        found = tuple(Reason(**entry) for entry in entries)
-        for reason in found:
-            for name, value in asdict(reason).items():
-                fits = isinstance(value, kinds[name]) if name in kinds else value is None or type(value) in (int, float)
-                if not fits or (isinstance(value, str) and any("\ud800" <= letter <= "\udfff" for letter in value)):
-                    raise ValueError(f"{name} is {value!r:.40}")
-    except (ValueError, TypeError, RecursionError) as error:
+        return tuple(_parsed(entry) for entry in entries)
+    except (ValueError, RecursionError) as error:
         raise InputError(
-            f"{where}: the attribute {TABLE} is no table of reasons ({error!s:.80}); expected a JSON list of objects with a name:"
-            " correct it"
+            f"{where}: the attribute {TABLE} is no table of reasons ({error!s:.120}); expected a JSON list of objects with a"
+            " name: correct it"
         ) from None
-    return found
+
+
+def _parsed(entry: object) -> Reason:
+    """The reason of one entry; `ValueError` for a field that is missing, not known, or of another kind."""
+    if not isinstance(entry, dict) or "name" not in entry:
+        raise ValueError(f"{entry!r:.40} has no name")
+    known = {field.name: field.default for field in fields(Reason)}
+    for name, value in entry.items():
+        if name not in known:
+            raise ValueError(f"{name!r:.40} is none of {', '.join(known)}")
+        if known[name] is None:  # a limit
+            fits = value is None or (type(value) in (int, float) and math.isfinite(value))
+        elif name == "lack_of_data":
+            fits = isinstance(value, bool)
+        else:
+            fits = isinstance(value, str) and not any("\ud800" <= letter <= "\udfff" for letter in value)
+        if not fits:
+            raise ValueError(f"{name} is {value!r:.40}")
+    return Reason(**entry)
 
 
 def with_reason(
