@@ -1,7 +1,7 @@
 """`Signal`: what a drone would measure in each cell. Nothing here depends on where one may fly.
 
 Two spreads, never mixed: noise is drawn at every step; what is unknown of the map is drawn once per world, and hangs together
-over the distance that its source states. NumPy only; `measure` and `Unknown.draw` use arithmetic that traced arrays share.
+as the estimate of the map says. NumPy only; `measure` and `Unknown.draw` use arithmetic that traced arrays share.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from scipy.special import ndtr
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
+from cellpilot.maps.estimate.correlation import CORRELATION_M, Factors, along_axes, axis_factors, shared_rows
 from cellpilot.maps.reasons import blocked_cells
 
 if TYPE_CHECKING:
@@ -21,9 +22,8 @@ if TYPE_CHECKING:
 UNHEARD_DBM = -156.0
 """Lowest RSRP that a receiver reports [dBm]: 3GPP TS 36.133 clause 9.1.4. At or below it nothing is heard of a sector."""
 
-CORRELATION_M = 50.0
-"""Distance over which the error of a map falls to 1/e where its source states none [m]: the correlation distance of shadow
-fading without line of sight in a city (3GPP TR 38.901 Table 7.5-6, UMa NLOS)."""
+MOST_SHARED = 1.0 - 1e-4
+"""Largest share of a cell's variance that is common to all cells: a little stays its own, so that the rest has a factor."""
 
 
 @dataclass(frozen=True)
@@ -38,45 +38,47 @@ class SectorLevels:
 class Unknown:
     """What is not known of a map: a standard deviation for each cell, and how the errors of cells hang together.
 
-    The error of the map is `std_db` times a normal field of variance 1 whose correlation is the product over the axes of
-    exp(-distance / `correlation_m`). A map drawn with it is one that may be the true one.
+    A map drawn with it is one that may be the true one. The error of the map is a normal field: one part common to all cells,
+    and a rest whose correlation is the product over the axes of exp(-distance / length).
     """
 
     std_db: Any  # [n_cells] float32
     along_x: Any  # [nx, nx] lower factor of the correlation along each axis
     along_y: Any
     along_z: Any
+    scale_db: Any  # [n_cells] what the field is multiplied with, so that its standard deviation is `std_db`
+    shared: Any = None  # [terms, n_cells] see `shared_rows`; None where nothing is common to all cells
 
     @classmethod
-    def of(cls, grid: Grid, std_db: NDArray[np.float32], correlation_m: float) -> "Unknown | None":
-        """Of a grid; None where everything is known. `InputError` unless `correlation_m` is 0 (each cell for itself) or more."""
-        if not np.isfinite(correlation_m) or correlation_m < 0:
-            raise InputError(f"sinr_correlation_m is {correlation_m:g}; expected a finite distance of 0 m or more")
+    def of(cls, grid: Grid, std_db: NDArray[np.float32], correlation_m: float, common_std_db: float = 0.0) -> "Unknown | None":
+        """Of a grid, with one error common to all cells; None where everything is known.
+
+        In a cell whose standard deviation is smaller than the common one, (nearly) all of it is common. `InputError` unless
+        `correlation_m` is 0 (each cell for itself) or more, and `common_std_db` too.
+        """
+        for name, value, unit in (("sinr_correlation_m", correlation_m, "m"), ("sinr_common_std_db", common_std_db, "dB")):
+            if not np.isfinite(value) or value < 0:
+                raise InputError(f"{name} is {value:g}; expected a finite value of 0 {unit} or more")
         if not std_db.any():
             return None
-        return cls(std_db.astype(np.float32), *(_factor(axis_m, correlation_m) for axis_m in (grid.x_m, grid.y_m, grid.z_m)))
+        factors = axis_factors(grid, (correlation_m,) * 3)
+        certain = std_db == 0
+        ratio = np.where(certain, 0.0, common_std_db) / np.where(certain, 1.0, std_db)
+        share = np.minimum(np.minimum(ratio, 1.0) ** 2, MOST_SHARED)
+        shared = shared_rows(factors, np.sqrt(share / (1.0 - share))[None]) if share.any() else None
+        return cls._of_field(std_db, factors, std_db * np.sqrt(1.0 - share), shared)
+
+    @classmethod
+    def _of_field(cls, std_db: NDArray[np.float32], factors: Factors, scale_db: Any, shared: Any) -> "Unknown":
+        """With the types of compiled code."""
+        x, y, z, scale_db = (np.asarray(values, np.float32) for values in (*factors, scale_db))
+        return cls(std_db.astype(np.float32), x, y, z, scale_db, None if shared is None else shared.astype(np.float32))
 
     def draw(self, normal: Any) -> Any:
         """Errors of whole maps [dB], `[..., n_cells]`, from as many independent standard normal numbers."""
-        shape = (*normal.shape[:-1], len(self.along_z), len(self.along_y), len(self.along_x))
-        field = normal.reshape(shape) @ self.along_x.T
-        field = (field.swapaxes(-1, -2) @ self.along_y.T).swapaxes(-1, -2)
-        field = (field.swapaxes(-1, -3) @ self.along_z.T).swapaxes(-1, -3)
-        return self.std_db * field.reshape(normal.shape)
-
-
-def _factor(axis_m: tuple[float, ...], correlation_m: float) -> NDArray[np.float32]:
-    """Lower triangular factor of exp(-distance / correlation) along an axis: a first-order autoregression, so it is exact."""
-    n = len(axis_m)
-    if not correlation_m:
-        return np.eye(n, dtype=np.float32)
-    kept = np.exp(-np.diff(np.asarray(axis_m, np.float64)) / correlation_m)
-    factor = np.zeros((n, n))
-    factor[0, 0] = 1.0
-    for i in range(1, n):
-        factor[i] = kept[i - 1] * factor[i - 1]
-        factor[i, i] = np.sqrt(1.0 - kept[i - 1] ** 2)
-    return factor.astype(np.float32)
+        if self.shared is not None:
+            normal = normal + (normal @ self.shared.T) @ self.shared
+        return self.scale_db * along_axes(normal, (self.along_x, self.along_y, self.along_z))
 
 
 @dataclass(frozen=True)
@@ -108,8 +110,11 @@ class Signal:
             rsrp_dbm = np.nan_to_num(known[0], nan=UNHEARD_DBM, neginf=UNHEARD_DBM).clip(UNHEARD_DBM)
             levels = SectorLevels(rsrp_dbm.astype(np.float32), known[1].astype(np.float32))
         mean_db = np.where(np.isnan(mean_db) & ~blocked, np.float32(-np.inf), mean_db)
-        correlation_m = float(radio_map.attrs.get("sinr_correlation_m", CORRELATION_M))
-        return cls(mean_db, noise_std_db, Unknown.of(grid, std_db, correlation_m), serving, levels)
+        stated = (
+            float(radio_map.attrs.get(*default))
+            for default in (("sinr_correlation_m", CORRELATION_M), ("sinr_common_std_db", 0.0))
+        )
+        return cls(mean_db, noise_std_db, Unknown.of(grid, std_db, *stated), serving, levels)
 
     @property
     def std_db(self) -> NDArray[np.float32]:

@@ -8,6 +8,7 @@ import pytest
 from cellpilot.errors import InputError
 from cellpilot.maps import Anchor, RadioMap, fill, load_map, make_map, save_map, to_degrees
 from cellpilot.maps.calibrate import calibrate
+from cellpilot.world import World
 
 NAN = np.nan
 HERE = Anchor(47.0, 8.0)
@@ -39,6 +40,32 @@ def test_by_hand() -> None:
     left_db = np.sqrt(np.mean((adjusted_db - [10, 10, 14, 14]) ** 2))
     assert after == pytest.approx((0.0, 1.0, left_db, correlation))
     np.testing.assert_allclose(result.radio_map["sinr_std_db"].values, left_db, rtol=1e-6)
+
+
+def test_the_offset_is_as_uncertain_as_the_mean_of_correlated_errors() -> None:
+    """Four cells 20 m apart: pairs at 20, 40 and 60 m count by exp(-distance / 50 m), or as the simulation states it."""
+    simulated, measured = build([[[0.0, 2.0, 4.0, 6.0]]]), build([[[10.0, 10.0, 14.0, 14.0]]])
+    for length_m in (50.0, 20.0):
+        result = calibrate(simulated, measured)
+        pairs = np.exp(-np.array([20, 40, 60]) / length_m) @ [6, 4, 2]
+        assert result.offset_std_db == pytest.approx(result.after.rmse_db * np.sqrt((4 + pairs) / 16))
+        simulated.attrs["sinr_correlation_m"] = 20.0
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".zarr", ".csv", ".tif"])
+def test_files_keep_the_common_error_and_the_world_draws_it(tmp_path: Path, suffix: str) -> None:
+    pytest.importorskip({".zarr": "zarr", ".tif": "rasterio"}.get(suffix, "numpy"))
+    simulated = build([[[0.0, 2.0, 4.0, 6.0]]], anchor=HERE)
+    result = calibrate(simulated, build([[[10.0, 10.0, 14.0, 14.0]]], anchor=HERE))
+    save_map(result.radio_map, tmp_path / f"map{suffix}")
+    read = load_map(tmp_path / f"map{suffix}")
+    assert read.attrs["sinr_common_std_db"] == result.offset_std_db
+    drawn = [World.from_map(m).signal.unknown.draw(np.eye(4, dtype=np.float32)) for m in (read, result.radio_map)]  # type: ignore[union-attr]
+    np.testing.assert_array_equal(*drawn)
+    covariance = drawn[0].T @ drawn[0]
+    np.testing.assert_allclose(np.diagonal(covariance), result.after.rmse_db**2, rtol=1e-5)
+    kept = result.offset_std_db**2 + (result.after.rmse_db**2 - result.offset_std_db**2) * np.exp(-60 / 50)
+    assert covariance[0, 3] == pytest.approx(kept, rel=1e-5)
 
 
 def test_a_simulation_that_is_right_but_for_level_and_spread_becomes_right_everywhere() -> None:

@@ -48,6 +48,7 @@ def test_every_figure_by_hand() -> None:
         " 22% of the known ones filled, uncertain by 3.6 dB",
         "70 m: 0 free cells, 10 blocked (10 no ray arrives), nothing known",
         "all heights: 18 free cells, 38.9% below 3 dB",
+        "error of the map: correlated over 50 m",
     ]
 
 
@@ -84,8 +85,9 @@ def test_an_imported_log_keeps_its_account() -> None:
     radio_map = import_logs(SYNTHETIC[:1])
     lines = list(described(radio_map, 3.0))
     assert lines[4] == "holes filled by inverse distance to measured cells of the same height within 80 m"
-    assert lines[5] == "measured on days that the logs do not tell"
-    assert lines[6:] == account_of(radio_map).lines()
+    assert lines[5] == "error of the map: correlated over 50 m"
+    assert lines[6] == "measured on days that the logs do not tell"
+    assert lines[7:] == account_of(radio_map).lines()
     assert "spread within a cell" in lines[3]
 
 

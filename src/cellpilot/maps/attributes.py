@@ -21,6 +21,8 @@ KINDS = {
     "anchor_latitude_deg": NUMBER,
     "anchor_longitude_deg": NUMBER,
     "anchor_altitude_m": NUMBER,
+    "sinr_correlation_m": NUMBER,
+    "sinr_common_std_db": NUMBER,
     "import_account": TEXT,
     "fill_method": TEXT,
     "fill_radius_m": NUMBER,

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from cellpilot.errors import InputError
-from cellpilot.maps.estimate.fill import measured_cells
+from cellpilot.maps.estimate.correlation import CORRELATION_M, along_axes, axis_factors, transposed
+from cellpilot.maps.estimate.fill import is_measured, measured_cells
 from cellpilot.maps.geodesy import to_degrees, to_local
-from cellpilot.maps.schema import RadioMap, anchor_of, validate
+from cellpilot.maps.schema import RadioMap, anchor_of, grid_of, validate
 
 FloatArray = NDArray[np.float64]
 
@@ -28,6 +29,7 @@ class Calibration(NamedTuple):
 
     radio_map: RadioMap
     offset_db: float
+    offset_std_db: float  # how uncertain the offset is: an error common to all cells
     spread_factor: float
     cells: int
     before: Fit
@@ -39,8 +41,10 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
 
     Measured cells are looked up in the simulation by linear interpolation; those outside it do not count. Both need an
     anchor, or both none. `sinr_std_db` of the result is the root mean square error that is left: what the simulation does
-    not know. Its spread within cells is stretched too; the received power of every sector is left out. Offset, factor, and
-    the fit before and after are kept in the attributes. `InputError` for fewer than 3 cells in
+    not know. A part of it, `sinr_common_std_db`, is common to all cells: the standard error of the offset, for errors of
+    measured cells that are correlated over the distance that the simulation states (50 m where it states none). That of
+    the factor is left out. The spread within cells is stretched too; the received power of every sector is left out.
+    Offset, factor, and the fit before and after are kept in the attributes. `InputError` for fewer than 3 cells in
     common, or a simulation or measurements without any spread.
     """
     source = str(measured.attrs.get("source"))
@@ -63,6 +67,7 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
     mean_db, offset_db = float(predicted_db.mean()), float(truth_db.mean() - predicted_db.mean())
     adjusted = lambda sinr_db: mean_db + factor * (sinr_db - mean_db) + offset_db
     before, after = (_fit(values, truth_db) for values in (predicted_db, adjusted(predicted_db)))
+    offset_std_db = after.rmse_db * _mean_std(measured, inside, float(simulated.attrs.get("sinr_correlation_m", CORRELATION_M)))
     # Stretched SINR is no longer that of these powers.
     result = simulated.drop_vars("rsrp_dbm", errors="ignore").copy(deep=True)
     if "sinr_spread_db" in result:
@@ -70,10 +75,22 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
     sinr_db = adjusted(result["sinr_db"].values.astype(np.float64))
     result["sinr_db"].values = sinr_db.astype(np.float32)
     result["sinr_std_db"].values = np.full(sinr_db.shape, after.rmse_db, np.float32)
-    result.attrs |= {"calibration_offset_db": offset_db, "calibration_spread_factor": factor, "calibration_mean_db": mean_db}
+    result.attrs |= {
+        "sinr_common_std_db": offset_std_db,
+        "calibration_offset_db": offset_db,
+        "calibration_spread_factor": factor,
+        "calibration_mean_db": mean_db,
+    }
     for when, fit in (("before", before), ("after", after)):
         result.attrs |= {f"calibration_{name}_{when}": value for name, value in fit._asdict().items()}
-    return Calibration(validate(result), offset_db, factor, int(inside.sum()), before, after)
+    return Calibration(validate(result), offset_db, offset_std_db, factor, int(inside.sum()), before, after)
+
+
+def _mean_std(measured: RadioMap, used: NDArray[np.bool_], correlation_m: float) -> float:
+    """Standard deviation of the mean of the measured cells that are used, for correlated errors of variance 1."""
+    weight = np.zeros(measured["sinr_db"].size)
+    weight[np.flatnonzero(is_measured(measured))[used]] = 1.0 / used.sum()
+    return float(np.linalg.norm(along_axes(weight, transposed(axis_factors(grid_of(measured), (correlation_m,) * 3)))))
 
 
 def _local_to(target: RadioMap, source: RadioMap, points_m: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cellpilot.maps.account import ATTRIBUTE, account_of
+from cellpilot.maps.estimate.correlation import CORRELATION_M
 from cellpilot.maps.reasons import blocked_cells, counted_reasons, reasons_of
 from cellpilot.maps.schema import RadioMap, anchor_of
 
@@ -60,6 +61,8 @@ def described(radio_map: RadioMap, threshold_db: float, today: date | None = Non
         total = Below(*(sum(numbers) for numbers in zip(*heights, strict=True)))
         yield f"all heights: {total.free} free cells, {_share(total, threshold_db)}"
     yield from _changes(radio_map)
+    if np.nan_to_num(radio_map["sinr_std_db"].values).any():
+        yield f"error of the map: {_error(radio_map)}"
     if ATTRIBUTE in radio_map.attrs:
         account = account_of(radio_map)
         yield _age(account.days, today or date.today())
@@ -108,6 +111,13 @@ def _changes(radio_map: RadioMap) -> Iterator[str]:
             f"calibrated by measurements: offset {offset_db:+.2f} dB, spread x {factor:.3f},"
             f" RMSE {before_db:.2f} dB before and {after_db:.2f} dB after"
         )
+
+
+def _error(radio_map: RadioMap) -> str:
+    """How what is unknown of the map hangs together."""
+    common_db = float(radio_map.attrs.get("sinr_common_std_db", 0.0))
+    over = f"correlated over {float(radio_map.attrs.get('sinr_correlation_m', CORRELATION_M)):g} m"
+    return f"{common_db:.2f} dB common to all cells, the rest {over}" if common_db else over
 
 
 def _age(days: tuple[str, str] | None, today: date) -> str:

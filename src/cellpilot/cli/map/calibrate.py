@@ -36,5 +36,7 @@ def main(arguments: Sequence[str]) -> int:
             name, f"{fit.mean_error_db:+.2f}", f"{fit.spread_ratio:.3f}", f"{fit.rmse_db:.2f}", f"{fit.correlation:.3f}"
         )
     out.print(table)
-    out.print(f"offset {result.offset_db:+.2f} dB, spread x {result.spread_factor:.3f}; map: {options.out}")
+    out.print(
+        f"offset {result.offset_db:+.2f} ± {result.offset_std_db:.2f} dB, spread x {result.spread_factor:.3f}; map: {options.out}"
+    )
     return 0

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from cellpilot.errors import InputError
@@ -91,8 +91,7 @@ DESCRIPTIONS = {
 
 def measured_cells(dataset: RadioMap, trend_db: ArrayLike | None = None) -> Known:
     """The measured cells of a map."""
-    sinr_db, count = dataset["sinr_db"].values, dataset["count"].values
-    measured = ~np.isnan(sinr_db) & ~dataset["filled"].values
+    sinr_db, count, measured = dataset["sinr_db"].values, dataset["count"].values, is_measured(dataset)
     spread_db = dataset["sinr_spread_db"].values[measured] if "sinr_spread_db" in dataset else np.zeros(measured.sum())
     # A map from elsewhere may not say how many samples a value has: it counts as one.
     samples = np.maximum(count[measured], 1).astype(np.float64)
@@ -100,6 +99,11 @@ def measured_cells(dataset: RadioMap, trend_db: ArrayLike | None = None) -> Know
     prior_db = np.zeros(len(samples)) if trend_db is None else np.asarray(trend_db, dtype=np.float64)[measured]
     points_m = cell_centres_m(dataset)[measured.ravel()]
     return Known(points_m, sinr_db[measured].astype(np.float64), samples, squares_db2, prior_db)
+
+
+def is_measured(dataset: RadioMap) -> NDArray[np.bool_]:
+    """Which cells `[z, y, x]` have a value that no filling put there."""
+    return np.asarray(~np.isnan(dataset["sinr_db"].values) & ~dataset["filled"].values)
 
 
 def cell_centres_m(dataset: RadioMap) -> FloatArray:
