@@ -13,7 +13,15 @@ from scipy.special import ndtr
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
-from cellpilot.maps.estimate.correlation import CORRELATION_M, Factors, along_axes, axis_factors, shared_rows
+from cellpilot.maps.estimate.correlation import (
+    CORRELATION_M,
+    Field,
+    Measured,
+    along_axes,
+    axis_factors,
+    shared_rows,
+    transposed,
+)
 from cellpilot.maps.reasons import blocked_cells
 
 if TYPE_CHECKING:
@@ -39,7 +47,7 @@ class Unknown:
     """What is not known of a map: a standard deviation for each cell, and how the errors of cells hang together.
 
     A map drawn with it is one that may be the true one. The error of the map is a normal field: one part common to all cells,
-    and a rest whose correlation is the product over the axes of exp(-distance / length).
+    and a rest whose correlation is the product over the axes of exp(-distance / length); or the posterior of a Gaussian process.
     """
 
     std_db: Any  # [n_cells] float32
@@ -48,6 +56,7 @@ class Unknown:
     along_z: Any
     scale_db: Any  # [n_cells] what the field is multiplied with, so that its standard deviation is `std_db`
     shared: Any = None  # [terms, n_cells] see `shared_rows`; None where nothing is common to all cells
+    measured: Any = None  # `Measured` cells that the field is conditioned on; None where there are none
 
     @classmethod
     def of(cls, grid: Grid, std_db: NDArray[np.float32], correlation_m: float, common_std_db: float = 0.0) -> "Unknown | None":
@@ -66,19 +75,45 @@ class Unknown:
         ratio = np.where(certain, 0.0, common_std_db) / np.where(certain, 1.0, std_db)
         share = np.minimum(np.minimum(ratio, 1.0) ** 2, MOST_SHARED)
         shared = shared_rows(factors, np.sqrt(share / (1.0 - share))[None]) if share.any() else None
-        return cls._of_field(std_db, factors, std_db * np.sqrt(1.0 - share), shared)
+        return cls._of_field(std_db, Field(factors, 1.0 / np.sqrt(1.0 - share), shared, None))
 
     @classmethod
-    def _of_field(cls, std_db: NDArray[np.float32], factors: Factors, scale_db: Any, shared: Any) -> "Unknown":
-        """With the types of compiled code."""
-        x, y, z, scale_db = (np.asarray(values, np.float32) for values in (*factors, scale_db))
-        return cls(std_db.astype(np.float32), x, y, z, scale_db, None if shared is None else shared.astype(np.float32))
+    def of_map(cls, radio_map: "Dataset", grid: Grid, std_db: NDArray[np.float32]) -> "Unknown | None":
+        """As the attributes of a `RadioMap` state it: from the posterior of a Gaussian process, unless an error is common."""
+        from cellpilot.maps.estimate.fill import is_measured
+        from cellpilot.maps.estimate.posterior import parsed_kernel, posterior
+
+        defaults = (("sinr_correlation_m", CORRELATION_M), ("sinr_common_std_db", 0.0))
+        correlation_m, common_std_db = (float(radio_map.attrs.get(*default)) for default in defaults)
+        if "fill_kernel" not in radio_map.attrs or common_std_db or not std_db.any():
+            return cls.of(grid, std_db, correlation_m, common_std_db)
+        cells = np.flatnonzero(is_measured(radio_map))
+        count = np.maximum(radio_map["count"].values.ravel()[cells], 1).astype(np.float64)
+        return cls._of_field(std_db, posterior(grid, parsed_kernel(radio_map.attrs["fill_kernel"]), cells, count))
+
+    @classmethod
+    def _of_field(cls, std_db: NDArray[np.float32], field: Field) -> "Unknown":
+        """With the types of compiled code, and the standard deviation of each cell whatever that of the field is."""
+        x, y, z, scale_db = (np.asarray(values, np.float32) for values in (*field.factors, std_db / field.std))
+        shared = None if field.shared is None else field.shared.astype(np.float32)
+        measured = field.measured
+        if measured is not None:
+            cells, number = (index.astype(np.int32) for index in (measured.cells, measured.number))
+            measured = Measured(cells, number, measured.gain.astype(np.float32))
+        return cls(std_db.astype(np.float32), x, y, z, scale_db, shared, measured)
 
     def draw(self, normal: Any) -> Any:
         """Errors of whole maps [dB], `[..., n_cells]`, from as many independent standard normal numbers."""
-        if self.shared is not None:
-            normal = normal + (normal @ self.shared.T) @ self.shared
-        return self.scale_db * along_axes(normal, (self.along_x, self.along_y, self.along_z))
+        factors = (self.along_x, self.along_y, self.along_z)
+        field = along_axes(self._with_shared(normal), factors)
+        if self.measured is not None:
+            weights = (field[..., self.measured.cells] @ self.measured.gain.T)[..., self.measured.number]
+            drawn = self._with_shared(along_axes(weights, transposed(factors)))
+            field = field - along_axes(self._with_shared(drawn), factors)
+        return self.scale_db * field
+
+    def _with_shared(self, normal: Any) -> Any:
+        return normal if self.shared is None else normal + (normal @ self.shared.T) @ self.shared
 
 
 @dataclass(frozen=True)
@@ -110,11 +145,7 @@ class Signal:
             rsrp_dbm = np.nan_to_num(known[0], nan=UNHEARD_DBM, neginf=UNHEARD_DBM).clip(UNHEARD_DBM)
             levels = SectorLevels(rsrp_dbm.astype(np.float32), known[1].astype(np.float32))
         mean_db = np.where(np.isnan(mean_db) & ~blocked, np.float32(-np.inf), mean_db)
-        stated = (
-            float(radio_map.attrs.get(*default))
-            for default in (("sinr_correlation_m", CORRELATION_M), ("sinr_common_std_db", 0.0))
-        )
-        return cls(mean_db, noise_std_db, Unknown.of(grid, std_db, *stated), serving, levels)
+        return cls(mean_db, noise_std_db, Unknown.of_map(radio_map, grid, std_db), serving, levels)
 
     @property
     def std_db(self) -> NDArray[np.float32]:

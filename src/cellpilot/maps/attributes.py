@@ -27,6 +27,8 @@ KINDS = {
     "fill_method": TEXT,
     "fill_radius_m": NUMBER,
     "fill_power": NUMBER,
+    "fill_kernel": TEXT,
+    "fill_posterior": TEXT,
     "trend": TEXT,
     "receiver": TEXT,
     "environment": TEXT,

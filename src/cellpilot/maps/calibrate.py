@@ -75,6 +75,8 @@ def calibrate(simulated: RadioMap, measured: RadioMap) -> Calibration:
     sinr_db = adjusted(result["sinr_db"].values.astype(np.float64))
     result["sinr_db"].values = sinr_db.astype(np.float32)
     result["sinr_std_db"].values = np.full(sinr_db.shape, after.rmse_db, np.float32)
+    for name in ("fill_kernel", "fill_posterior"):  # of the uncertainty that this error replaces
+        result.attrs.pop(name, None)
     result.attrs |= {
         "sinr_common_std_db": offset_std_db,
         "calibration_offset_db": offset_db,

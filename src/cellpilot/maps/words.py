@@ -117,6 +117,10 @@ def _error(radio_map: RadioMap) -> str:
     """How what is unknown of the map hangs together."""
     common_db = float(radio_map.attrs.get("sinr_common_std_db", 0.0))
     over = f"correlated over {float(radio_map.attrs.get('sinr_correlation_m', CORRELATION_M)):g} m"
+    if not common_db and "fill_kernel" in radio_map.attrs:
+        return "drawn from the posterior of the Gaussian process"
+    if "fill_posterior" in radio_map.attrs:
+        over += f"; {radio_map.attrs['fill_posterior']}"
     return f"{common_db:.2f} dB common to all cells, the rest {over}" if common_db else over
 
 

@@ -3,7 +3,7 @@
 Arithmetic only in what draws (`along_axes`), so that traced arrays go through it as well.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,23 @@ Factors = tuple[Any, Any, Any]
 CORRELATION_M = 50.0
 """Distance over which the error of a map falls to 1/e where its source states none [m]: the correlation distance of shadow
 fading without line of sight in a city (3GPP TR 38.901 Table 7.5-6, UMa NLOS)."""
+
+
+class Measured(NamedTuple):
+    """The measurements that a drawn field is conditioned on."""
+
+    cells: Any  # [measured]
+    number: Any  # [n_cells] in `cells`; `measured` for a cell without measurements
+    gain: Any  # [measured + 1, measured] weights of the drawn values, a last row of zeros
+
+
+class Field(NamedTuple):
+    """A normal field over the cells, of standard deviation `std [n_cells]`, by what draws it."""
+
+    factors: Factors
+    std: FloatArray
+    shared: FloatArray | None
+    measured: Measured | None
 
 
 def axis_factors(grid: Grid, lengths_m: tuple[float, float, float]) -> Factors:

@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from cellpilot.errors import InputError
+from cellpilot.maps.estimate.gaussian_process import Kernel
 from cellpilot.maps.estimate.methods import FloatArray, Known, Method, gaussian_process, inverse_distance
+from cellpilot.maps.estimate.posterior import kernel_text, too_large
 from cellpilot.maps.reasons import NO_SINR, TABLE, for_lack_of_data, reasons_of, reasons_text, with_reason
 from cellpilot.maps.schema import UNKNOWN, RadioMap, validate
 
@@ -35,9 +37,10 @@ def fill(
     `trend_db [z, y, x]` if there is one (a simulation of the sites). Earlier filled cells count as unknown to both.
 
     Filled cells have `filled` True and `count` 0. A cell that was blocked for lack of data is free once it is filled; any
-    other reason stays. What is still unknown is blocked, or with `unknown="bad"` free and without SINR. Method and radius
-    are written to the attributes. `InputError` for a radius below 0, a power that is not positive, an unknown method, or an
-    invalid map.
+    other reason stays. What is still unknown is blocked, or with `unknown="bad"` free and without SINR. A Gaussian process
+    leaves its kernel in the attributes, from which a world draws its posterior; for a map that is too large it leaves the
+    reason, and its correlation length. Method and radius are written to the attributes. `InputError` for a radius below 0, a
+    power that is not positive, an unknown method, or an invalid map.
     """
     if not np.isfinite(radius_m) or radius_m < 0:
         raise InputError(f"the fill radius is {radius_m:g} m; expected 0 (no filling) or more")
@@ -62,6 +65,9 @@ def fill(
     if reachable.any():
         estimate = methods[method](known, points_m[reachable], prior_db[reachable])
         sinr_db[reachable], std_db[reachable] = estimate.mean_db, estimate.std_db
+        result.attrs = {n: value for n, value in result.attrs.items() if n not in ("fill_kernel", "fill_posterior")}
+        if estimate.kernel is not None:
+            result.attrs |= _posterior_attributes(estimate.kernel, hole.size, len(known.mean_db))
     filled = hole & ~np.isnan(sinr_db.reshape(hole.shape))
     still_unknown = np.isnan(sinr_db).reshape(hole.shape)
     result["sinr_db"].values = sinr_db.reshape(hole.shape).astype(np.float32)
@@ -81,6 +87,13 @@ def fill(
     if method == "inverse-distance":
         result.attrs["fill_power"] = float(power)
     return validate(result)
+
+
+def _posterior_attributes(kernel: Kernel, n_cells: int, n_measured: int) -> dict[str, str | float]:
+    reason = too_large(n_cells, n_measured)
+    if reason is None:
+        return {"fill_kernel": kernel_text(kernel)}
+    return {"fill_posterior": reason, "sinr_correlation_m": kernel.length_m}
 
 
 DESCRIPTIONS = {

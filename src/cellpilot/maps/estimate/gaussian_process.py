@@ -169,11 +169,15 @@ class GaussianProcess:
 
     def sample(self, rng: np.random.Generator) -> FloatArray:
         """One map `[points]` drawn from the posterior [dB]."""
+        return self.mean_db + self.root() @ rng.standard_normal(len(self.mean_db))
+
+    def root(self) -> FloatArray:
+        """Lower factor `[points, points]` of the posterior covariance [dB]."""
         variance = np.diagonal(self.covariance_db2)
         # Measured points have next to no variance left: a little is added, so that rounding cannot make it negative.
         jitter = 1e-9 * max(self.kernel.variance, float(variance.max()))
-        root = cholesky(self.covariance_db2 + np.diag(np.full(len(variance), jitter)), lower=True, check_finite=False)
-        return self.mean_db + root @ rng.standard_normal(len(variance))
+        covariance_db2 = self.covariance_db2 + np.diag(np.full(len(variance), jitter))
+        return np.asarray(cholesky(covariance_db2, lower=True, check_finite=False))
 
 
 def interpolate(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
-from cellpilot.maps.estimate.methods import Known, Method
+from cellpilot.maps.estimate.methods import Estimate, Known, Method
 
 FloatArray = NDArray[np.float64]
 INTERVAL_STD = 1.959964
@@ -65,8 +65,8 @@ def _mean(results: list[HoldOut]) -> HoldOut:
     return HoldOut(rmse_db, mae_db, coverage, float(np.mean([result.answered for result in results])))
 
 
-def _errors(known: Known, hidden: NDArray[np.bool_], estimate: "tuple[FloatArray, FloatArray, float]") -> HoldOut:
-    mean_db, std_db, noise_std_db = estimate
+def _errors(known: Known, hidden: NDArray[np.bool_], estimate: Estimate) -> HoldOut:
+    mean_db, std_db, noise_std_db, _ = estimate
     error_db = mean_db - known.mean_db[hidden]
     told = ~np.isnan(error_db)
     total_std_db = np.sqrt(std_db**2 + noise_std_db**2 / known.n_samples[hidden])

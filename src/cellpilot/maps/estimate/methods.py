@@ -29,6 +29,7 @@ class Estimate(NamedTuple):
     mean_db: FloatArray  # [targets]
     std_db: FloatArray  # [targets] of the cell's mean, measurement noise excluded
     noise_std_db: float  # of one sample
+    kernel: Kernel | None = None  # of a Gaussian process
 
 
 Method = Callable[[Known, FloatArray, FloatArray], Estimate]
@@ -83,7 +84,7 @@ def gaussian_process(
     fitted = lambda trend_db: known.mean_db.mean() + factor * (trend_db - known.prior_db.mean())
     kernel = estimate_kernel(measurements, fitted(known.prior_db), Kernel(form="exponential"))
     mean_db, std_db = interpolate_locally(kernel, measurements, targets_m, fitted(prior_db), fitted(known.prior_db), progress)
-    return Estimate(mean_db, std_db, kernel.noise_std_db)
+    return Estimate(mean_db, std_db, kernel.noise_std_db, kernel)
 
 
 def without_trend(method: Method) -> Method:
