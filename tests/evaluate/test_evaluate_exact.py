@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from cellpilot.evaluate import METRICS, evaluate
 from cellpilot.evaluate.evaluation import sampled_flights
 from cellpilot.evaluate.exact import exhaustive_summary
-from cellpilot.evaluate.instances import all_pairs, count_pairs, sample_pairs
+from cellpilot.evaluate.instances import Instances, all_pairs, count_pairs, sample_pairs
 from cellpilot.evaluate.summary import Summary, summarise
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, RandomPolicy
 from cellpilot.policies.base import one_hot
+from cellpilot.signal import Unknown
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -308,6 +309,22 @@ def test_an_uncertain_map_is_drawn_once_per_flight(make_world: MakeWorld) -> Non
     assert set(records.low_steps.tolist()) == {0, 1, 2, 3, 4, 5}
     assert (records.longest_outage_steps <= records.low_steps).all()
     assert (records.longest_outage_steps < records.low_steps).any()
+
+
+def test_an_error_common_to_all_cells_widens_what_flights_over_drawn_worlds_meet(make_world: MakeWorld) -> None:
+    """Along a row at the threshold: as many low steps on average, in longer outages, and with a wider interval of the mean."""
+    world = make_world((12, 1, 1), 3.0, sinr_std_db=2.0)
+    grid, std_db = world.grid, world.signal.std_db
+    common = replace(world, signal=replace(world.signal, unknown=Unknown.of(grid, std_db, 0.0, 1.8)))
+    instances = Instances(np.zeros(800, np.int32), np.full(800, 11, np.int32), 0)
+    draw = lambda of, seed: sampled_flights(np.random.default_rng(seed), of, Task(max_steps=20), GreedyPolicy(of), instances)[0]
+    (alone, shared), again = (draw(of, 1) for of in (world, common)), draw(common, 1)
+    np.testing.assert_array_equal(shared.low_steps, again.low_steps)
+    assert (shared.low_steps != draw(common, 2).low_steps).any()
+    assert shared.low_steps.mean() == pytest.approx(alone.low_steps.mean(), abs=0.6)
+    assert shared.low_steps.std() > 2 * alone.low_steps.std()
+    assert shared.drawn_return.std() > 2 * alone.drawn_return.std()
+    assert shared.longest_outage_steps.mean() > alone.longest_outage_steps.mean() + 1
 
 
 def test_the_share_below_counts_cells_entered_and_failures_too(make_world: MakeWorld) -> None:
