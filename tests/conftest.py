@@ -154,6 +154,7 @@ def make_world() -> MakeWorld:
         rule: Rule = "stay",
         n_moves: int | None = None,
         correlation_m: float = 0.0,
+        common_std_db: float = 0.0,
     ) -> World:
         grid = Grid(*(tuple(20.0 * i + 10.0 for i in range(n)) for n in sides))
         n = grid.n_cells
@@ -163,7 +164,7 @@ def make_world() -> MakeWorld:
         sinr = np.broadcast_to(np.asarray(sinr_db, np.float32), n).copy()
         std = np.broadcast_to(np.asarray(sinr_std_db, np.float32), n).copy()
         airspace = Airspace.of_blocked(grid, mask.ravel(), rule, None if n_moves is None else MOVE_SETS[n_moves])
-        return World(airspace, Signal(sinr, noise_std_db, Unknown.of(grid, std, correlation_m)))
+        return World(airspace, Signal(sinr, noise_std_db, Unknown.of(grid, std, correlation_m, common_std_db)))
 
     return make
 

@@ -131,7 +131,15 @@ def case(request: pytest.FixtureRequest, random_world: MakeWorld) -> Case:
     seed = request.param
     rule, n_moves, sides = PLAIN[seed]
     world = random_world(
-        seed + 20, sides, 0.25, noise_std_db=2.0, sinr_std_db=3.0, rule=rule, n_moves=n_moves, correlation_m=30.0
+        seed + 20,
+        sides,
+        0.25,
+        noise_std_db=2.0,
+        sinr_std_db=3.0,
+        rule=rule,
+        n_moves=n_moves,
+        correlation_m=30.0,
+        common_std_db=1.5,
     )
     names = ("rho_sinr", "rho_step", "rho_blocked", "rho_end")
     rewards = dict(zip(names, -np.random.default_rng(seed).uniform(0.2, 2.0, 4).round(2), strict=True))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellpilot.errors import InputError
-from cellpilot.maps import Anchor, RadioMap, fill, load_map, make_map, save_map, to_degrees
+from cellpilot.maps import Anchor, RadioMap, fill, load_map, make_map, save_map, to_degrees, validate
 from cellpilot.maps.calibrate import calibrate
 from cellpilot.world import World
 
@@ -66,6 +66,15 @@ def test_files_keep_the_common_error_and_the_world_draws_it(tmp_path: Path, suff
     np.testing.assert_allclose(np.diagonal(covariance), result.after.rmse_db**2, rtol=1e-5)
     kept = result.offset_std_db**2 + (result.after.rmse_db**2 - result.offset_std_db**2) * np.exp(-60 / 50)
     assert covariance[0, 3] == pytest.approx(kept, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["sinr_correlation_m", "sinr_common_std_db"])
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf, "50 m"])
+def test_an_error_that_hangs_together_over_nonsense_is_refused(name: str, value: float | str) -> None:
+    radio_map = build([[[0.0, 2.0, 4.0, 6.0]]])
+    radio_map.attrs[name] = value
+    with pytest.raises(InputError, match=f"attribute {name}"):
+        validate(radio_map)
 
 
 def test_a_simulation_that_is_right_but_for_level_and_spread_becomes_right_everywhere() -> None:

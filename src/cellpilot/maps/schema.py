@@ -211,6 +211,9 @@ def _check_attributes(attributes: Mapping[str, Any], where: str) -> None:
     unknown = attributes.get("unknown", "blocked")
     if unknown not in UNKNOWN:
         raise InputError(f"{where} has the attribute unknown = {unknown!r}; expected one of {', '.join(UNKNOWN)}")
+    for name in ("sinr_correlation_m", "sinr_common_std_db"):
+        if attributes.get(name, 0.0) < 0:
+            raise InputError(f"{where} has the attribute {name} = {attributes[name]:g}; expected 0 or more: correct or remove it")
     given = [f"anchor_{part}" in attributes for part in ("latitude_deg", "longitude_deg")]
     if any(given) and not all(given):
         raise InputError(f"{where} has only one of anchor_latitude_deg and anchor_longitude_deg: give both or neither")
