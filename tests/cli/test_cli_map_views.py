@@ -106,7 +106,7 @@ def test_calibrate_finds_offset_and_spread_and_writes_the_map(desk: Path, cli: C
     assert (result.code, result.err) == (0, "")
     offset_db = float((better["sinr_db"] - simulated["sinr_db"]).mean())
     assert "16 measured cells within the simulated map" in result.out
-    assert result.out.endswith(f"offset {offset_db:+.2f} dB, spread x 2.000; map: deep/fitted.nc\n")
+    assert result.out.endswith(f"offset {offset_db:+.2f} dB (standard error 0.00 dB), spread x 2.000; map: deep/fitted.nc\n")
     before, after = (line.split("│")[1:-1] for line in result.out.splitlines() if line.startswith("│"))
     assert [cell.strip() for cell in before[:3]] == ["before", f"{-offset_db:+.2f}", "0.500"]
     assert [cell.strip() for cell in (after[0], *after[2:])] == ["after", "1.000", "0.00", "1.000"]

@@ -37,6 +37,7 @@ def main(arguments: Sequence[str]) -> int:
         )
     out.print(table)
     out.print(
-        f"offset {result.offset_db:+.2f} ± {result.offset_std_db:.2f} dB, spread x {result.spread_factor:.3f}; map: {options.out}"
+        f"offset {result.offset_db:+.2f} dB (standard error {result.offset_std_db:.2f} dB), spread x {result.spread_factor:.3f};"
+        f" map: {options.out}"
     )
     return 0
