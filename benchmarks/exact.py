@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from cellpilot.envs.arena import make_arena
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, reached_share, score
 from cellpilot.evaluate.summary import Summary
-from cellpilot.experiment import make_learner, make_map, make_task
+from cellpilot.experiment import make_map, make_task
+from cellpilot.learn.learner import Place
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
 from cellpilot.scenario import Scenario, find_scenario, load_scenario
@@ -64,7 +64,7 @@ def case(name: str, scenario: Scenario, seeds: range, changes: dict[str, Any], a
     task = make_task(scenario.task, world.grid)
     if at_median:
         task = replace(task, threshold_db=float(np.median(world.signal.mean_db)))
-    settings = make_learner(scenario.learner.model_copy(update=changes))
+    settings = scenario.learner.changed(**changes)
     greedy, optimal = (
         exhaustive_summary(None, world, task, policy) for policy in (GreedyPolicy(world), OptimalPolicy(world, task))
     )
@@ -72,9 +72,9 @@ def case(name: str, scenario: Scenario, seeds: range, changes: dict[str, Any], a
     show(f"{name}: {low:.0%} of the cells low; optimum p90 {METRICS['path_ratio_p90'].compute(optimal):.3f}")
     for seed in seeds:
         began = time.perf_counter()
-        result = train(settings, task, make_arena(world), seed)
+        result = train(settings, Place(world, task), seed)
         seconds = time.perf_counter() - began
-        parameters = result.policy_parameters(world.grid.sides, {"task": task.as_dict()})
+        parameters = result.policy_parameters({"task": task.as_dict()})
         learned = exhaustive_summary(None, world, task, LearnedPolicy(parameters, world.grid))
         line = (
             f"  seed {seed}: {_figures(learned, greedy, optimal)}, RMSE of Q {_error_of_q(world, task, parameters):.4f}, "

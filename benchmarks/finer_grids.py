@@ -8,7 +8,6 @@ of the two out.
 
 import argparse
 import time
-from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
@@ -16,7 +15,8 @@ from scaling import GOALS, LEARNERS, Case, make_case
 
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, reached_share, score
-from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map
+from cellpilot.learn.algorithms.map_learner import learn_map
+from cellpilot.learn.algorithms.map_learner_settings import MapLearning
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
 
@@ -37,16 +37,16 @@ def main() -> None:
     for seed in range(options.seeds):
         for rounds in filter(None, options.rounds):
             began = time.perf_counter()
-            trained = train(replace(case.settings, rounds=rounds), case.task, case.arena, seed)
+            trained = train(case.settings.changed(rounds=rounds), case.place, seed)
             seconds = time.perf_counter() - began
-            parameters = trained.policy_parameters(case.world.grid.sides, {"task": vars(case.task)})
+            parameters = trained.policy_parameters({"task": case.task.as_dict()})
             for moves in options.look_ahead:
                 parameters.about["look_ahead"] = moves
                 what = f"FQI-HER, {rounds} rounds, looks {moves} ahead, {trained.env_steps:,} steps"
                 show(case, goals, LearnedPolicy(parameters, case.world.grid), f"seed {seed}: {what}, {seconds:.0f} s")
         began = time.perf_counter()
         if any(options.flights):
-            for learner in learn_map(case.world, case.task, MapLearnerSettings(), seed, options.flights):
+            for learner in learn_map(case.world, case.task, MapLearning(), seed, options.flights):
                 what = f"map learner, {learner.n_flights} flights, {time.perf_counter() - began:.0f} s"
                 show(case, goals, learner.policy(), f"seed {seed}: {what}")
 

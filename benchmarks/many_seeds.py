@@ -35,7 +35,7 @@ def main() -> None:
         chunks = iter(range(max(1, options.episodes // case.settings.chunk_rounds)))
         seeds = range(options.seed, options.seed + n_seeds)
         began = time.perf_counter()
-        train_many(case.settings, case.task, case.arena, seeds, interrupted=lambda chunks=chunks: next(chunks, None) is None)
+        train_many(case.settings, case.place, seeds, interrupted=lambda chunks=chunks: next(chunks, None) is None)
         seconds[name] = time.perf_counter() - began
     sys.stdout.write(json.dumps(seconds | {"devices": jax.local_device_count(), "cores": usable_cores()}) + "\n")
 

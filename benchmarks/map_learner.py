@@ -19,7 +19,8 @@ from rich.console import Console
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, reached_share, score
 from cellpilot.experiment import make_map, make_task
-from cellpilot.learn.algorithms.map_learner import MapLearner, MapLearnerSettings, learn_map
+from cellpilot.learn.algorithms.map_learner import MapLearner, learn_map
+from cellpilot.learn.algorithms.map_learner_settings import MapLearning
 from cellpilot.policies import GreedyPolicy, OptimalPolicy
 from cellpilot.provenance import versions
 from cellpilot.scenario import find_scenario, load_scenario
@@ -45,7 +46,7 @@ def main() -> None:
     parser.add_argument("--exploration", default="optimism", choices=["optimism", "thompson"])
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, help="folder of the results")
     options = parser.parse_args()
-    settings = MapLearnerSettings(exploration=options.exploration)
+    settings = MapLearning(exploration=options.exploration)
     suffix = "" if options.exploration == "optimism" else f"_{options.exploration}"
     file = options.out / f"map_learner{suffix}.json"
     results: dict[str, Any] = json.loads(file.read_text()) if file.is_file() else {"settings": repr(settings), "scenarios": {}}
@@ -80,7 +81,7 @@ def write(file: Path, results: dict[str, Any], seeds: int) -> None:
 _YARDSTICKS: dict[str, tuple[World, Task, Any, Any]] = {}
 
 
-def fly(name: str, settings: MapLearnerSettings, seed: int, seeds: dict[str, list[Row]]) -> dict[str, Any]:
+def fly(name: str, settings: MapLearning, seed: int, seeds: dict[str, list[Row]]) -> dict[str, Any]:
     """One seed: figures at every checkpoint, over all pairs."""
     if name not in _YARDSTICKS:
         scenario = load_scenario(find_scenario(name))

@@ -12,8 +12,12 @@ import numpy as np
 from jaxtyping import Array
 
 from cellpilot.envs.arena import Arena, make_arena
-from cellpilot.learn.algorithms.ddqn_her import DDQNHER, LearnerState, fill_replay, initial_state, optimize, train_chunk
+from cellpilot.learn.algorithms.ddqn_episode import LearnerState
+from cellpilot.learn.algorithms.ddqn_her import ALGORITHM, initial_state, optimize
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.learn.compile import compile_ahead
+from cellpilot.learn.compiled import fill_replay, train_chunk
+from cellpilot.learn.learner import Place
 from cellpilot.maps import simulate_map
 from cellpilot.radio import hexagonal_deployment
 from cellpilot.task import Task, default_max_steps
@@ -28,6 +32,11 @@ class Case:
     task: Task
     settings: DDQNHER
     arena: Arena
+
+    @property
+    def place(self) -> Place:
+        """Where it is trained."""
+        return Place(self.world, self.task)
 
     @property
     def layer_sizes(self) -> tuple[int, ...]:
@@ -77,7 +86,7 @@ def train_in_slices(case: Case, seed: int, episodes: int, slices: int) -> Iterat
     init_s = time.perf_counter() - began
 
     length = -(-episodes // slices)
-    jax_seed, options = jnp.int32(seed), {"settings": case.settings, "task": case.task}
+    jax_seed, options = jnp.int32(seed), {"algorithm": ALGORITHM, "settings": case.settings, "task": case.task}
     began = time.perf_counter()
     fill = compile_ahead(fill_replay, state, case.arena, jax_seed, **options)
     train = compile_ahead(train_chunk, state, case.arena, jax_seed, jnp.int32(length), length=length, **options)
@@ -103,7 +112,9 @@ def make_update(case: Case, rounds: int) -> Callable[[], float]:
     The replay memory is full (500,000 experiences), nothing is flown, and compilation is over before it is first called.
     """
     full = DDQNHER(replay_start=case.settings.replay_capacity)
-    state = fill_replay(initial_state(full, case.arena, 0), case.arena, jnp.int32(0), settings=full, task=case.task)
+    state = fill_replay(
+        initial_state(full, case.arena, 0), case.arena, jnp.int32(0), algorithm=ALGORITHM, settings=full, task=case.task
+    )
 
     def run(state: LearnerState, arena: Arena, key: Array) -> tuple[eqx.Module, object]:
         learning = lambda s: (s.online, s.optimizer)

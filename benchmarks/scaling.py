@@ -108,20 +108,21 @@ class Case:
     world: Any
     task: Any
     settings: Any
-    arena: Any
+    place: Any
 
 
 def make_case(learner: Learner, side: int) -> Case:
     """The learner's scenario with `side` cells along each side of the area; the points simulated are the same on every grid."""
-    from cellpilot.envs.arena import make_arena
-    from cellpilot.experiment import make_learner, make_map, make_task
+    from cellpilot.experiment import make_map, make_task
+    from cellpilot.learn.learner import Place
     from cellpilot.scenario import find_scenario, load_scenario
     from cellpilot.world import World
 
     scenario = load_scenario(find_scenario(learner.scenario))
     map_settings = scenario.map.model_copy(update={"bin_m": AREA_M / side, "points_per_side": max(1, 160 // side)})
     world = World.from_map(make_map(map_settings), scenario.task.noise_std_db)
-    return Case(world, make_task(scenario.task, world.grid), make_learner(scenario.learner), make_arena(world))
+    task = make_task(scenario.task, world.grid)
+    return Case(world, task, scenario.learner, Place(world, task))
 
 
 def time_point(learner: Learner, side: int, n_seeds: int, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -133,8 +134,7 @@ def time_point(learner: Learner, side: int, n_seeds: int, arguments: argparse.Na
     marks: list[float] = []
     results = train_many(
         case.settings,
-        case.task,
-        case.arena,
+        case.place,
         range(n_seeds),
         chunk_rounds=learner.chunk_rounds,
         progress=lambda p: marks.append(time.perf_counter()),
@@ -147,11 +147,11 @@ def time_point(learner: Learner, side: int, n_seeds: int, arguments: argparse.Na
     return {
         "compile_s": results[0].compile_s,
         "round_s": round_s,
-        "update_us": 1e6 * round_s * settings.rounds / settings.updates / n_seeds,
-        "whole_s": results[0].compile_s + max(0.0, first_chunk_s - round_s * learner.chunk_rounds) + round_s * settings.rounds,
+        "update_us": 1e6 * round_s * settings.n_rounds / settings.updates / n_seeds,
+        "whole_s": results[0].compile_s + max(0.0, first_chunk_s - round_s * learner.chunk_rounds) + round_s * settings.n_rounds,
         "spread": float((chunks.max() - chunks.min()) / median(chunks.tolist())),
         "rounds_timed": len(chunks) * learner.chunk_rounds,
-        "rounds": settings.rounds,
+        "rounds": settings.n_rounds,
         "counts": settings.counts,
         "peak_mb": _peak_mb(),
         "before_mb": before_mb,
@@ -168,18 +168,18 @@ def quality_point(learner: Learner, side: int, n_seeds: int, arguments: argparse
     case = make_case(learner, side)
     began = time.perf_counter()
     over = lambda: time.perf_counter() - began > arguments.quality_budget
-    result = train(case.settings, case.task, case.arena, n_seeds - 1, interrupted=over)
+    result = train(case.settings, case.place, n_seeds - 1, interrupted=over)
     seconds = time.perf_counter() - began
     world, task = case.world, case.task
     about = {"task": task.as_dict()}
-    learned = LearnedPolicy(result.policy_parameters(world.grid.sides, about), world.grid)
+    learned = LearnedPolicy(result.policy_parameters(about), world.grid)
     free = world.airspace.free_cells
     goals = free if side <= min(SIDES) else np.sort(np.random.default_rng(0).choice(free, GOALS, replace=False))
     policies = (GreedyPolicy(world), OptimalPolicy(world, task), learned)
     greedy, optimal, found = (exhaustive_summary(None, world, task, policy, goals=goals) for policy in policies)
     return {
         "seconds": seconds,
-        "share_trained": len(result.history["reached"]) / case.settings.rounds,
+        "share_trained": len(result.history["reached"]) / case.settings.n_rounds,
         "env_steps": result.env_steps,
         "score": score(found, greedy, optimal),
         "reached_share": reached_share(found),

@@ -17,10 +17,11 @@ import jax
 import numpy as np
 from exact import _error_of_q, show
 
-from cellpilot.envs.arena import make_arena
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, score
-from cellpilot.experiment import make_learner, make_map, make_task
+from cellpilot.experiment import make_map, make_task
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHERVariants
+from cellpilot.learn.learner import Place
 from cellpilot.learn.trainer import train_many
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
 from cellpilot.scenario import find_scenario, load_scenario
@@ -51,16 +52,16 @@ def main() -> int:
     show(f"{options.episodes} episodes, seeds 0-{options.seeds - 1}, {platform.machine()}, {datetime.now(UTC):%Y-%m-%d}")
     show("| variant | " + " | ".join(COLUMNS) + " | seconds (relative) |")
     show("|---" * (2 + len(COLUMNS)) + "|")
-    published_s = None
+    published_s, published = None, scenario.learner.model_dump(exclude={"algorithm"})
     for name in options.variants:
-        learner = scenario.learner.model_copy(update=VARIANTS[name] | {"episodes": options.episodes})
+        learner = DDQNHERVariants(**published | VARIANTS[name] | {"episodes": options.episodes})
         jax.clear_caches()
         began = time.perf_counter()
-        results = train_many(make_learner(learner), task, make_arena(world), range(options.seeds))
+        results = train_many(learner, Place(world, task), range(options.seeds))
         seconds = time.perf_counter() - began
         published_s = seconds if name == "as published" else published_s
         about = {"task": task.as_dict()}
-        rows = [figures_of(world, task, result.policy_parameters(world.grid.sides, about)) for result in results]
+        rows = [figures_of(world, task, result.policy_parameters(about)) for result in results]
         show(f"  {name}, seed by seed: " + "; ".join(" ".join(f"{value:.4g}" for value in row) for row in rows))
         cells = [f"{np.mean(column):.4g} ({min(column):.4g} to {max(column):.4g})" for column in zip(*rows, strict=True)]
         relative = "" if published_s is None else f" ({seconds / published_s:.2f})"

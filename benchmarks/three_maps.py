@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from cellpilot.envs.arena import make_arena
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, score
 from cellpilot.evaluate.summary import Summary
-from cellpilot.experiment import make_learner, make_map, make_task
+from cellpilot.experiment import make_map, make_task
+from cellpilot.learn.learner import Place
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
 from cellpilot.scenario import MapFile, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
@@ -59,8 +59,8 @@ def show(name: str, task_of: Scenario, learners: dict[str, Scenario], world: Wor
         began = time.perf_counter()
         found = []
         for seed in range(n_seeds):
-            trained = train(make_learner(scenario.learner), task, make_arena(world), seed)
-            parameters = trained.policy_parameters(world.grid.sides, {"task": task.as_dict()})
+            trained = train(scenario.learner, Place(world, task), seed)
+            parameters = trained.policy_parameters({"task": task.as_dict()})
             found.append(exhaustive_summary(None, world, task, LearnedPolicy(parameters, world.grid)))
         rows[f"{learner}, {n_seeds} seeds, {(time.perf_counter() - began) / n_seeds:.0f} s each"] = found
     greedy, optimal = rows["greedy"][0], rows["optimum"][0]

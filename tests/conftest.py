@@ -35,7 +35,8 @@ def check_annotations() -> None:
     """Import all compiled code, with checked annotations of its functions."""
     import equinox as eqx
 
-    importlib.import_module("cellpilot.learn.trainer")
+    for name in ("trainer", "algorithms.ddqn_her", "algorithms.ddqn_her_variants", "algorithms.fqi_her_online", "in_turn"):
+        importlib.import_module(f"cellpilot.learn.{name}")
     for module in [module for name, module in sys.modules.items() if name.startswith(("cellpilot.envs.", "cellpilot.learn."))]:
         for found in vars(module).values():
             # JAX rebuilds its dataclasses with whatever a tree function returns; only functions are checked.

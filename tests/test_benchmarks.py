@@ -131,10 +131,11 @@ def test_three_maps_shows_greedy_optimum_and_learners(capsys: pytest.CaptureFixt
     import three_maps
 
     from cellpilot.experiment import make_map
-    from cellpilot.scenario import PairLearnerSettings, Scenario, SimulatedMap
+    from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
+    from cellpilot.scenario import Scenario, SimulatedMap
     from cellpilot.world import World
 
-    learner = PairLearnerSettings(rounds=3, flights=8, updates_per_round=2, goals_per_round=4, cached_goals=16)
+    learner = FQIHER(rounds=3, flights=8, updates_per_round=2, goals_per_round=4, cached_goals=16)
     scenario = Scenario(learner=learner)
     world = World.from_map(make_map(SimulatedMap(bin_m=100.0, points_per_side=2)))
     three_maps.show("small", scenario, {"hasty": scenario}, world, 2)

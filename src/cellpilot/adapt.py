@@ -20,7 +20,8 @@ from cellpilot.evaluate.statistics import half_interval
 from cellpilot.evaluate.summary import Summary
 from cellpilot.experiment import make_map
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
-from cellpilot.learn.algorithms.map_learner import MapLearnerSettings, learn_map, without_holes
+from cellpilot.learn.algorithms.map_learner import learn_map, without_holes
+from cellpilot.learn.algorithms.map_learner_settings import MAX_CELLS, MapLearning
 from cellpilot.maps.estimate.gaussian_process import Kernel
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, Policy
 from cellpilot.provenance import digest
@@ -39,8 +40,6 @@ WHOLE_AREA_M = 100_000.0
 """Holes of a log given as such are filled from neighbours this near: all of them, so that B has a truth everywhere."""
 CHECKPOINTS = (0, 1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1_000, 2_000, 5_000, 10_000)
 """Numbers of flights after which policies are scored."""
-MAX_CELLS = 3_000
-"""Larger maps are refused: the posterior would hold more than 9 million covariances for each of the arms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,18 +56,18 @@ Arm = Callable[[Transfer, int, Sequence[int]], Iterator[Policy]]
 """(transfer, seed, checkpoints) -> its deterministic policy after each number of flights, which are increasing."""
 
 
-PRIOR_SETTINGS = MapLearnerSettings(kernel=Kernel(offset_std_db=5.0, height_offset_std_db=2.0))
+PRIOR_KERNEL = Kernel(offset_std_db=5.0, height_offset_std_db=2.0)
 """A prior map knows the level better than nothing does."""
 
 
 def _map_with_prior(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
     known_db = transfer.prepared.signal.mean_db.astype(np.float64)
-    for learner in learn_map(transfer.truth, transfer.task, PRIOR_SETTINGS, seed, checkpoints, known_db):
+    for learner in learn_map(transfer.truth, transfer.task, MapLearning(), seed, checkpoints, known_db, PRIOR_KERNEL):
         yield learner.policy()
 
 
 def _map_from_nothing(transfer: Transfer, seed: int, checkpoints: Sequence[int]) -> Iterator[Policy]:
-    for learner in learn_map(transfer.truth, transfer.task, MapLearnerSettings(), seed, checkpoints):
+    for learner in learn_map(transfer.truth, transfer.task, MapLearning(), seed, checkpoints):
         yield learner.policy()
 
 
@@ -187,9 +186,7 @@ def _curve(
 def _mark(transfer: Transfer, checkpoints: Sequence[int]) -> str:
     """Names everything a curve depends on besides arm and seed."""
     truth, prepared = transfer.truth, transfer.prepared
-    text = repr(
-        (transfer.task, truth.signal.noise_std_db, truth.grid, PRIOR_SETTINGS, MapLearnerSettings(), transfer.deep, checkpoints)
-    )
+    text = repr((transfer.task, truth.signal.noise_std_db, truth.grid, PRIOR_KERNEL, MapLearning(), transfer.deep, checkpoints))
     return digest([truth.signal.mean_db, truth.airspace.reason, prepared.signal.mean_db, np.frombuffer(text.encode(), np.uint8)])
 
 

@@ -1,9 +1,11 @@
 """What every person-written section of settings is made of: the base class, and the types of the fields."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, Strict
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
+
+from cellpilot.errors import InputError
 
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -19,3 +21,12 @@ class Settings(BaseModel):
     """Base of all sections: frozen, strict types, unknown keys refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    def changed(self, **changes: Any) -> Self:
+        """A copy with other values, checked as if all had been written at once; `InputError` names the field that is wrong."""
+        try:
+            return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            field = ".".join(str(key) for key in first["loc"]) or type(self).__name__
+            raise InputError(f"{field}: {first['msg'].removeprefix('Value error, ')}") from error

@@ -10,7 +10,8 @@ import numpy as np
 from cellpilot.errors import InputError
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS
-from cellpilot.experiment import fingerprint, make_learner
+from cellpilot.experiment import fingerprint
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, load_parameters
 from cellpilot.policies.learned import save_parameters
 from cellpilot.runs import Run
@@ -20,8 +21,6 @@ from cellpilot.task import Task
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from cellpilot.envs.arena import Arena
 
 VARIANTS = {"DQN": (False, False), "DDQN": (True, False), "DQN+HER": (False, True), "DDQN+HER": (True, True)}
 """Figure 5.19: name -> (double, hindsight)."""
@@ -39,7 +38,7 @@ SENSITIVITY_METRICS = ("low_sinr_share", "path_ratio_mean", "path_ratio_p90", "r
 
 def check_ablation(scenario: Scenario) -> None:
     """`InputError` if the scenario's learner has no double learning and hindsight to switch off."""
-    if scenario.learner.algorithm != PUBLISHED:
+    if not isinstance(scenario.learner, DDQNHER):
         raise InputError(
             f"the ablation switches double learning and hindsight of {PUBLISHED}, but {scenario.name} trains "
             f"{scenario.learner.algorithm}: add --learner.algorithm {PUBLISHED}"
@@ -54,12 +53,9 @@ def ablation(run: Run, n_seeds: int, progress: Callable[[float], None] = lambda 
     """
     import xarray as xr
 
-    from cellpilot.envs.arena import make_arena
-
-    arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
     curves: list[np.ndarray] = []
     for i, name in enumerate(VARIANTS):
-        of_variant = _variant_curves(run, arena, name, n_seeds, partial(_within, progress, i, len(VARIANTS)))
+        of_variant = _variant_curves(run, name, n_seeds, partial(_within, progress, i, len(VARIANTS)))
         if of_variant is None:
             return None
         curves.append(of_variant)
@@ -79,22 +75,22 @@ def ablation(run: Run, n_seeds: int, progress: Callable[[float], None] = lambda 
     return dataset
 
 
-def _variant_curves(run: Run, arena: "Arena", name: str, n_seeds: int, progress: Callable[[float], None]) -> np.ndarray | None:
+def _variant_curves(run: Run, name: str, n_seeds: int, progress: Callable[[float], None]) -> np.ndarray | None:
     """Learning curves `[seeds, episodes]` of one variant, read or trained; None if training was interrupted."""
     from cellpilot.learn.compile import forget_programs
     from cellpilot.learn.trainer import train_many
 
     double, hindsight = VARIANTS[name]
-    learner = run.scenario.learner.model_copy(update={"double": double, "hindsight": hindsight})
+    published = run.scenario.learner.model_dump(exclude={"algorithm"})
+    learner = DDQNHERVariants(**published | {"double": double, "hindsight": hindsight})
     mark = fingerprint(run.scenario.model_copy(update={"learner": learner}), run.world)
     folder = run.folder / "ablation"
     file = lambda seed: folder / f"{name}-{seed}-{mark}.npy"
     checkpoint = lambda seed: folder / f"{name}-{seed}.safetensors"
     if missing := [seed for seed in range(n_seeds) if not file(seed).is_file()]:
         results = train_many(
-            make_learner(learner),
-            run.task,
-            arena,
+            learner,
+            run.place,
             missing,
             checkpoints=[checkpoint(seed) for seed in missing],
             fingerprint=mark,
@@ -174,24 +170,22 @@ def _points(task: Task) -> Iterator[tuple[str, float, Task]]:
 
 def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> LearnedPolicy | None:
     """The learner trained on the run's map for other rewards; kept in the folder `sensitivity/`, one file per task."""
-    from cellpilot.envs.arena import make_arena
     from cellpilot.learn.compile import forget_programs
     from cellpilot.learn.trainer import train
 
-    settings = make_learner(run.scenario.learner)
+    settings = run.scenario.learner
     mark = f"{fingerprint(run.scenario, run.world)}-{task.rho_sinr:g}-{task.rho_goal:g}-{run.seed}"
     file = run.folder / "sensitivity" / f"{mark}.safetensors"
     if not file.is_file():
-        arena = make_arena(run.world, run.scenario.task.start, run.scenario.task.goal)
         checkpoint = run.folder / "sensitivity" / f"state-{mark}.safetensors"
         share = lambda p: progress(p.done / p.rounds)
-        result = train(settings, task, arena, run.seed, checkpoint=checkpoint, fingerprint=mark, progress=share)
+        result = train(settings, replace(run.place, task=task), run.seed, checkpoint=checkpoint, fingerprint=mark, progress=share)
         if not result.finished:
             return None
-        parameters = result.policy_parameters(run.world.grid.sides, {"task": task.as_dict()})
+        parameters = result.policy_parameters({"task": task.as_dict()})
         save_parameters(parameters.trained_in(run.world.airspace), file)
         checkpoint.unlink()
         forget_programs()
     # What one would fly: arg max of near-exact values, but that of the published learner's circles.
-    temperature = run.scenario.evaluation.boltzmann_temperature if settings.algorithm == PUBLISHED else None
+    temperature = run.scenario.evaluation.boltzmann_temperature if isinstance(settings, DDQNHER) else None
     return LearnedPolicy(load_parameters(file), run.world.grid, temperature)

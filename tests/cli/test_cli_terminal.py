@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from cellpilot.errors import InputError
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.maps.attributes import plain_attributes
 from cellpilot.runs import create_run, evaluate_run, save_evaluation, stale_parts
-from cellpilot.scenario import EvaluationSettings, PairLearnerSettings, Scenario, SimulatedMap
+from cellpilot.scenario import EvaluationSettings, Scenario, SimulatedMap
 from cellpilot.storage import hold
 
 COMMAND = (sys.executable, "-c", "import sys; from cellpilot.cli.main import main; sys.exit(main())")
@@ -66,7 +67,7 @@ def test_a_folder_can_be_held_on_a_full_disk(tmp_path: Path, monkeypatch: pytest
 def test_an_evaluation_names_the_policy_that_was_evaluated(tmp_path: Path) -> None:
     scenario = Scenario(
         map=SimulatedMap(x_range_m=(-60.0, 60.0), y_range_m=(-60.0, 60.0), bin_m=30.0, points_per_side=1),
-        learner=PairLearnerSettings(rounds=1),
+        learner=FQIHER(rounds=1),
         evaluation=EvaluationSettings(n_sampled=10),
     )
     run = create_run(tmp_path / "r", scenario, 0, "test")

@@ -401,7 +401,17 @@ def test_every_setting_of_a_scenario_is_a_flag_of_run(cli: Cli) -> None:
 
 
 def test_a_flag_overrides_the_file_and_the_file_overrides_the_default(place: Path, cli: Cli) -> None:
-    flags = ("--learner.no-hindsight", "--task.noise-std-db", "2", "--learner.episodes", "5", "--learner.replay-start", "50")
+    flags = (
+        "--learner.algorithm",
+        "ddqn-her-variants",
+        "--learner.no-hindsight",
+        "--task.noise-std-db",
+        "2",
+        "--learner.episodes",
+        "5",
+        "--learner.replay-start",
+        "50",
+    )
     assert cli("train", "tiny.toml", "--out", "new", *flags).code == 0
     scenario = load_scenario(place / "new" / "scenario.toml")
     assert (scenario.learner.hindsight, scenario.task.noise_std_db, scenario.learner.episodes) == (False, 2.0, 5)

@@ -12,7 +12,7 @@ from cli_tools import TINY, Cli, assert_refused, tree
 from cellpilot import memory
 from cellpilot.cli.main import VERBS
 from cellpilot.envs.arena import make_arena
-from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, EXPERIENCE_BYTES
+from cellpilot.learn.algorithms.ddqn_her_settings import EXPERIENCE_BYTES, DDQNHERVariants
 from cellpilot.learn.algorithms.fqi_her import initial_state
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.replay import init_replay
@@ -143,7 +143,7 @@ CALLS = [
     (["ablation", "tiny.toml", "--seeds", "0"], ["--seeds", "0"]),
     (["ablation", "quick", "--out", "new"], ["quick", "fqi-her", "--learner.algorithm ddqn-her"]),
     (["train", "quick", "--learner.episodes", "3", "--out", "new"], ["--learner.episodes", "ddqn-her", "quick", "fqi-her"]),
-    (["run", "quick", "--learner.no-hindsight", "--out", "new"], ["--learner.no-hindsight", "ddqn-her"]),
+    (["run", "quick", "--learner.no-hindsight", "--out", "new"], ["--learner.no-hindsight", "ddqn-her-variants"]),
     (["train", "tiny.toml", "--learner.rounds=3", "--out", "new"], ["--learner.rounds", "fqi-her", "tiny", "ddqn-her"]),
     (["train", "tiny.toml", "--seeds", "0"], ["--seeds", "0"]),
     (["train", "tiny.toml", "--seed", "2147483647", "--seeds", "2"], ["--seeds 2"]),
@@ -377,7 +377,17 @@ def test_a_policy_of_another_grid_is_refused(desk: Path, cli: Cli, map_file: str
     assert tree(desk) == before
 
 
-MAY_BE_NOTHING = {"initial_exploration", "final_exploration", "importance_exponent", "prioritised", "near", "count_bonus"}
+MAY_BE_NOTHING = {
+    "optimism",
+    "replan_every_steps",
+    "prior_slope_std",
+    "initial_exploration",
+    "final_exploration",
+    "importance_exponent",
+    "prioritised",
+    "near",
+    "count_bonus",
+}
 """Numbers of the learners that may be 0; no number may be negative."""
 NUMBERS = [
     (algorithm, name, value)
@@ -402,8 +412,9 @@ def test_a_negative_or_zero_setting_of_a_learner_is_refused(desk: Path, cli: Cli
     [("networks", "3"), ("n-steps", "101"), ("n-steps", "1.5"), ("priority-exponent", "1.1"), ("importance-exponent", "nan"),
      ("architecture", "duelling")],
 )  # fmt: skip
-def test_a_switch_of_the_published_learner_beyond_its_range_is_refused(desk: Path, cli: Cli, flag: str, value: str) -> None:
-    assert_refused(cli("train", "tiny.toml", f"--learner.{flag}={value}", "--out", "new"), flag, value)
+def test_a_switch_of_the_variants_beyond_its_range_is_refused(desk: Path, cli: Cli, flag: str, value: str) -> None:
+    call = ("train", "tiny.toml", "--learner.algorithm", "ddqn-her-variants", f"--learner.{flag}={value}", "--out", "new")
+    assert_refused(cli(*call), flag, value)
     assert not (desk / "new").exists()
 
 
@@ -423,7 +434,7 @@ def test_a_replay_larger_than_memory_is_refused_with_the_figure(
 def test_the_figure_is_that_of_the_replay_memory(n_steps: int, prioritised: bool) -> None:
     replay = init_replay(1000, n_steps > 1, prioritised)
     leaves = jax.tree.leaves((replay.experiences, replay.priority))
-    counted = DDQNHER(n_steps=n_steps, prioritised=prioritised).experience_bytes
+    counted = DDQNHERVariants(n_steps=n_steps, prioritised=prioritised).experience_bytes
     assert sum(leaf.nbytes for leaf in leaves) == 1000 * counted
     assert (counted == EXPERIENCE_BYTES) == (n_steps == 1 and not prioritised)
     assert (memory.available_bytes() or 0) > 1e8

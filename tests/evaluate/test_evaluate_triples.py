@@ -27,7 +27,8 @@ from cellpilot.evaluate.summary import summarise
 from cellpilot.grid import Position
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.fqi_her_targets import pair_values, targets
-from cellpilot.learn.algorithms.map_learner import MapLearner, MapLearnerSettings, receiver
+from cellpilot.learn.algorithms.map_learner import MapLearner, receiver
+from cellpilot.learn.algorithms.map_learner_settings import MapLearning
 from cellpilot.learn.hindsight import hindsight_goals
 from cellpilot.learn.losses import q_learning_target
 from cellpilot.learn.n_step import outcome_of_steps
@@ -387,7 +388,7 @@ def test_the_targets_of_fqi_her_without_a_model_are_the_expected_ones_on_average
 ) -> None:
     """The value of entering a cell: what entering earns, and the best further move with the network behind it."""
     case, memory = measured
-    task, settings, network = case.task, FQIHER(penalty_model=False), network_of(case)
+    task, settings, network = case.task, FQIHER(penalty_model=False, look_ahead=1), network_of(case)
     goals, free = jnp.array([case.goal], jnp.int32), ~case.world.airspace.blocked
     arena = case.arena
     one = lambda key: targets(key, settings, arena, task, network, memory, jnp.zeros(len(free)), goals)[0][:, 0]
@@ -403,7 +404,7 @@ def test_the_targets_of_fqi_her_without_a_model_are_the_expected_ones_on_average
 
 
 def test_the_plan_of_the_map_learner_is_the_best_for_maps_drawn_from_its_belief(case: Case) -> None:
-    learner = MapLearner(case.world.airspace, case.task, MapLearnerSettings(optimism=0.0, discount=0.9), 0)
+    learner = MapLearner(case.world.airspace, case.task, MapLearning(optimism=0.0, discount=0.9), 0)
     for flight in range(2):
         flown = learner.fly(case.start, case.goal, receiver(case.world, 0, flight))
         assert flown.reached == (flown.cells[-1] == case.goal)

@@ -15,6 +15,7 @@ from cellpilot.evaluate import evaluate
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms import fqi_her, fqi_her_targets
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
+from cellpilot.learn.learner import Place
 from cellpilot.learn.losses import huber
 from cellpilot.learn.pair_network import sum_of_rows
 from cellpilot.learn.penalty import measure, no_measurements, penalty_model, replayed_penalty
@@ -44,8 +45,8 @@ def make_world(seed: int = 0, sides: tuple[int, int, int] = (5, 5, 1), noise_std
 
 def learn(world: World, task: Task, settings: FQIHER, seed: int = 0) -> LearnedPolicy:
     """Train and take the policy out."""
-    result = train(settings, task, make_arena(world), seed)
-    return LearnedPolicy(result.policy_parameters(world.grid.sides, {"task": task.as_dict()}), world.grid)
+    result = train(settings, Place(world, task), seed)
+    return LearnedPolicy(result.policy_parameters({"task": task.as_dict()}), world.grid)
 
 
 @pytest.mark.parametrize(("sides", "expected"), [((20, 20, 1), 3921), ((20, 20, 5), 19714)])
@@ -109,10 +110,10 @@ def test_huber_by_hand() -> None:
 @pytest.mark.parametrize("model", [True, False])
 def test_the_policy_flies_on_numpy_as_it_was_trained(model: bool, tmp_path) -> None:  # type: ignore[no-untyped-def]
     world, task = make_world(1, (4, 3, 2), 1.0, 3), Task(max_steps=60, rho_blocked=-0.3)
-    settings = replace(SMALL, rounds=5, penalty_model=model, networks=2, look_ahead=1)
-    arena = make_arena(world)
-    result = train(settings, task, arena, 0)
-    save_parameters(result.policy_parameters(world.grid.sides, {"task": task.as_dict()}), tmp_path / "p.safetensors")
+    settings = SMALL.changed(rounds=5, penalty_model=model, networks=2, look_ahead=1)
+    place = Place(world, task)
+    result = train(settings, place, 0)
+    save_parameters(result.policy_parameters({"task": task.as_dict()}), tmp_path / "p.safetensors")
     goals = world.airspace.free_cells
     found = load_parameters(tmp_path / "p.safetensors").values(world.grid, goals)
     penalty = penalty_model(result.state.memory, task.threshold_db) if model else None
@@ -125,7 +126,7 @@ def test_the_policy_flies_on_numpy_as_it_was_trained(model: bool, tmp_path) -> N
 @pytest.mark.parametrize(("model", "noise_std_db", "networks"), [(True, 0.0, 1), (True, 2.0, 2), (False, 0.0, 1)])
 def test_a_small_world_is_learned(model: bool, noise_std_db: float, networks: int) -> None:
     world, task = make_world(2, noise_std_db=noise_std_db, blocked=2), Task(max_steps=100)
-    policy = learn(world, task, replace(SMALL, rounds=60 if model else 200, penalty_model=model, networks=networks))
+    policy = learn(world, task, SMALL.changed(rounds=60 if model else 200, penalty_model=model, networks=networks))
     result = evaluate(world, task, [GreedyPolicy(world), OptimalPolicy(world, task), policy], seed=0, n_sampled=10)
     row = result.policies["learned/argmax"]
     assert row["reached_share"] == 1
@@ -141,10 +142,9 @@ def test_an_error_counts_what_waiting_costs() -> None:
 
 def test_a_bonus_leads_to_cells_that_were_rarely_measured() -> None:
     world, task = make_world(6, (8, 8, 1), 1.0), Task(max_steps=100)
-    settings = replace(SMALL, rounds=40, updates_per_round=1)
+    settings = SMALL.changed(rounds=40, updates_per_round=1)
     counts = [
-        np.asarray(train(replace(settings, count_bonus=bonus), task, make_arena(world), 0).state.memory.count)
-        for bonus in (0.0, 100.0)
+        np.asarray(train(settings.changed(count_bonus=bonus), Place(world, task), 0).state.memory.count) for bonus in (0.0, 100.0)
     ]
     assert counts[0].sum() == counts[1].sum()
     assert counts[1].min() > 1.5 * counts[0].min()
@@ -154,7 +154,7 @@ def test_pairs_are_drawn_in_proportion_to_their_error() -> None:
     error = np.random.default_rng(0).random((6, 25)) * (np.arange(25) % 3 > 0)
     arena, zero = make_arena(make_world(7)), jnp.zeros((6, 25))
     cache = fqi_her_targets.TargetCache(jnp.arange(6), zero, jnp.asarray(error, jnp.float32), zero > -1, jnp.zeros(25, jnp.int32))
-    settings = replace(SMALL, prioritised=1.0, near=0.0, updates_per_round=100, batch_size=1000)
+    settings = SMALL.changed(prioritised=1.0, near=0.0, updates_per_round=100, batch_size=1000)
     column, cell = (
         np.asarray(x).ravel() for x in fqi_her_targets.draw_pairs(jax.random.key(0), settings, arena, cache, jnp.int32(6))
     )
@@ -173,10 +173,10 @@ def test_the_gradient_of_a_sum_of_rows_is_that_of_the_plain_sum() -> None:
 
 def test_seeds_differ_and_equal_seeds_are_equal_however_training_is_cut() -> None:
     world, task = make_world(4, noise_std_db=1.0), Task(max_steps=50)
-    arena, settings = make_arena(world), replace(SMALL, rounds=7)
-    whole = train(settings, task, arena, 5, chunk_rounds=7)
-    cut = train(settings, task, arena, 5, chunk_rounds=2)
-    other = train(settings, task, arena, 6, chunk_rounds=7)
+    place, settings = Place(world, task), SMALL.changed(rounds=7)
+    whole = train(settings, place, 5, chunk_rounds=7)
+    cut = train(settings, place, 5, chunk_rounds=2)
+    other = train(settings, place, 6, chunk_rounds=7)
     tables = [np.asarray(run.state.average.table) for run in (whole, cut, other)]
     assert np.array_equal(tables[0], tables[1])
     assert not np.allclose(tables[0], tables[2])
@@ -186,13 +186,13 @@ def test_seeds_differ_and_equal_seeds_are_equal_however_training_is_cut() -> Non
 
 def test_what_was_never_measured_changes_nothing() -> None:
     world, task = make_world(5, (8, 8, 1)), Task(max_steps=50)
-    settings = replace(SMALL, rounds=1, flights=2, steps_per_round=6)
-    first = train(settings, task, make_arena(world), 0)
+    settings = SMALL.changed(rounds=1, flights=2, steps_per_round=6)
+    first = train(settings, Place(world, task), 0)
     never = np.flatnonzero(np.asarray(first.state.memory.count) == 0)
     assert 0 < never.size < 64
     other_db = np.where(np.isin(np.arange(64), never), np.float32(-20), world.signal.mean_db)
     changed = replace(world, signal=replace(world.signal, mean_db=other_db))
-    second = train(settings, task, make_arena(changed), 0)
+    second = train(settings, Place(changed, task), 0)
     for a, b in zip(jax.tree.leaves(first.state), jax.tree.leaves(second.state), strict=True):
         assert np.array_equal(np.asarray(a), np.asarray(b))
 
@@ -201,7 +201,7 @@ def test_an_uncertain_map_is_one_map_during_a_flight() -> None:
     world = make_world(0)
     unknown = Unknown.of(world.grid, np.full(25, 3.0, np.float32), 30.0)
     arena = make_arena(replace(world, signal=replace(world.signal, unknown=unknown)))
-    settings = replace(SMALL, flights=200, steps_per_round=5)
+    settings = SMALL.changed(flights=200, steps_per_round=5)
     state = fqi_her.initial_state(settings, arena, 0)
     assert float(jnp.std(state.flights.error_db)) == pytest.approx(3.0, rel=0.1)
     flights, memory, _ = fqi_her.collect(jax.random.key(0), settings, arena, Task(max_steps=50), state, jnp.zeros(25))
@@ -214,14 +214,14 @@ def test_an_uncertain_map_is_one_map_during_a_flight() -> None:
 
 def test_rewards_that_distance_does_not_bound_are_refused() -> None:
     with pytest.raises(InputError, match="fqi-her needs"):
-        SMALL.check_fits(Task(rho_step=0.1))
+        SMALL.check_fits(Task(rho_step=0.1), Grid((0.0, 20.0), (0.0, 20.0), (30.0,)))
 
 
 def test_a_training_flight_ends_at_its_cap_and_not_a_step_later() -> None:
     world, cap = make_world(0, (8, 8, 1)), 3
     task = Task(max_steps=cap)
     arena = make_arena(world, (0, 0, 0), (7, 7, 0))  # fourteen steps away
-    settings = replace(SMALL, steps_per_round=cap)
+    settings = SMALL.changed(steps_per_round=cap)
     state = fqi_her.initial_state(settings, arena, 0)
     penalty = penalty_model(state.memory, task.threshold_db)
     flights, _, statistics = fqi_her.collect(jax.random.key(1), settings, arena, task, state, penalty)
@@ -231,8 +231,8 @@ def test_a_training_flight_ends_at_its_cap_and_not_a_step_later() -> None:
 
 def test_a_round_in_which_no_flight_ends_has_no_value() -> None:
     task = Task(max_steps=400)
-    arena = make_arena(make_world(0, (8, 8, 1)), (0, 0, 0), (7, 7, 0))
-    result = train(replace(SMALL, rounds=6, steps_per_round=4, flights=4), task, arena, 0)
+    arena = Place(make_world(0, (8, 8, 1)), task, (0, 0, 0), (7, 7, 0))
+    result = train(SMALL.changed(rounds=6, steps_per_round=4, flights=4), arena, 0)
     ended = result.history["flights"] > 0
     assert not ended.all()
     for name in ("episode_return", "n_steps", "reached"):
@@ -240,7 +240,7 @@ def test_a_round_in_which_no_flight_ends_has_no_value() -> None:
 
 
 def test_the_learning_rate_falls_to_its_end_and_is_the_one_that_is_used() -> None:
-    settings = replace(SMALL, rounds=100, learning_rate=2e-3, final_learning_rate=0.0)
+    settings = SMALL.changed(rounds=100, learning_rate=2e-3, final_learning_rate=0.0)
     rates = [float(fqi_her.learning_rate_at(settings, jnp.int32(round_))) for round_ in (0, 25, 50, 75, 100)]
     np.testing.assert_allclose(rates, [2e-3, 1.7071e-3, 1e-3, 0.2929e-3, 0.0], atol=1e-7)
     task, arena = Task(max_steps=60), make_arena(make_world(1))
@@ -258,7 +258,7 @@ def test_the_learning_rate_falls_to_its_end_and_is_the_one_that_is_used() -> Non
 
 def test_hindsight_goals_are_cells_that_a_flight_has_entered() -> None:
     task, arena = Task(max_steps=60), make_arena(make_world(2, (8, 8, 1)))
-    settings = replace(SMALL, goals_per_round=6)
+    settings = SMALL.changed(goals_per_round=6)
     state = fqi_her.initial_state(settings, arena, 0)
     entered = jnp.array([3, 9, 10, 27, 40, 41, 50, 63], jnp.int32)
     state = replace(state, memory=measure(state.memory, entered, jnp.zeros(8)))

@@ -1,12 +1,12 @@
-from dataclasses import replace
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from cellpilot.envs.flight import Flight
-from cellpilot.learn.algorithms.ddqn_her import DDQNHER, populate_memory
+from cellpilot.learn.algorithms import ddqn_her_variants
+from cellpilot.learn.algorithms.ddqn_her import populate_memory
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
 from cellpilot.learn.hindsight import hindsight_goals
 from cellpilot.learn.replay import Experience, init_replay
 from cellpilot.task import Task, Transition
@@ -49,8 +49,10 @@ def test_goals_of_one_step_are_independent_draws() -> None:
 @pytest.mark.parametrize("terminated", [True, False])
 def test_every_step_is_stored_once_for_its_own_goal_and_k_times_in_hindsight(k: int, terminated: bool) -> None:
     flight = flight_of(terminated)
-    settings = replace(DDQNHER(), hindsight_ratio=k)
-    replay = populate_memory(jax.random.key(3), settings, init_replay(100), flight)
+    settings, store = DDQNHER().changed(hindsight_ratio=max(k, 1)), populate_memory
+    if k == 0:
+        settings, store = DDQNHERVariants(hindsight=False), ddqn_her_variants.populate_memory
+    replay = store(jax.random.key(3), settings, init_replay(100), flight)
     assert int(replay.size) == T * (1 + k)
     stored: Experience = jax.tree.map(lambda ring: np.asarray(ring[: T * (1 + k)]), replay.experiences)
     facts = list(zip(*(field.tolist() for field in stored.transition), strict=True))
@@ -66,7 +68,7 @@ def test_every_step_is_stored_once_for_its_own_goal_and_k_times_in_hindsight(k: 
 
 def test_reward_and_termination_follow_the_goal_that_was_written() -> None:
     """Relabelling the reward without the terminal flag is the best-known error of hindsight replay."""
-    replay = populate_memory(jax.random.key(4), replace(DDQNHER(), hindsight_ratio=8), init_replay(1000), flight_of(False))
+    replay = populate_memory(jax.random.key(4), DDQNHER().changed(hindsight_ratio=8), init_replay(1000), flight_of(False))
     stored: Experience = jax.tree.map(lambda ring: np.asarray(ring[: int(replay.size)]), replay.experiences)
     task = Task(threshold_db=0.0)
     reward, _, terminated = task.outcome(stored.transition, stored.goal)

@@ -3,19 +3,17 @@
 All rungs lie in one 5 x 5 grid whose other cells are blocked, so that one compilation serves them all.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Iterable
 from functools import cache
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from cellpilot.airspace import Airspace
-from cellpilot.envs.arena import make_arena
 from cellpilot.evaluate import evaluate
 from cellpilot.grid import Grid
-from cellpilot.learn.algorithms.ddqn_her import DDQNHER
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
+from cellpilot.learn.learner import Place
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters
 from cellpilot.signal import Signal
@@ -35,7 +33,8 @@ SETTINGS = DDQNHER(
     learning_rate=2e-3,
     final_exploration=0.5,
     hindsight_ratio=4,
-    hidden=(64, 64),
+    hidden_layers=2,
+    hidden_units=64,
 )
 
 
@@ -62,13 +61,10 @@ CHUNK = 300
 @cache
 def learned(name: str) -> PolicyParameters:
     world, episodes, _ = RUNGS[name]
-    arena = make_arena(world)
-    pad: Callable = lambda cells: jnp.pad(cells, (0, SIDE * SIDE - cells.size))
-    arena = replace(arena, start_cells=pad(arena.start_cells), goal_cells=pad(arena.goal_cells))
     chunks = iter(range(episodes // CHUNK))
-    result = train(SETTINGS, TASK, arena, seed=0, chunk_rounds=CHUNK, interrupted=lambda: next(chunks, None) is None)
+    result = train(SETTINGS, Place(world, TASK), seed=0, chunk_rounds=CHUNK, interrupted=lambda: next(chunks, None) is None)
     assert int(result.state.episode) == episodes
-    return result.policy_parameters(world.grid.sides, {})
+    return result.policy_parameters({})
 
 
 @pytest.mark.parametrize("name", list(RUNGS)[:-1])

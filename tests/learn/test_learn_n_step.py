@@ -1,6 +1,5 @@
 """Returns of several steps against a loop over the flight itself, for its own goal and for those of hindsight."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import jax
@@ -10,7 +9,8 @@ import pytest
 
 from cellpilot.airspace import STOPPED
 from cellpilot.envs.flight import Flight
-from cellpilot.learn.algorithms.ddqn_her import DDQNHER, populate_memory
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHERVariants
+from cellpilot.learn.algorithms.ddqn_her_variants import populate_memory
 from cellpilot.learn.n_step import outcome_of_steps
 from cellpilot.learn.replay import Replay, init_replay
 from cellpilot.task import Task, Transition
@@ -42,7 +42,7 @@ def flight_of(cells: list[int], goal: int) -> Flight:
 
 def stored(n_steps: int, strategy: str, capacity: int) -> tuple[Replay, list[tuple[int, int]]]:
     """The memory after all flights, and of each of its rows the flight and the step it came from."""
-    settings = replace(DDQNHER(), n_steps=n_steps, hindsight_ratio=COPIES - 1, hindsight_strategy=strategy)
+    settings = DDQNHERVariants().changed(n_steps=n_steps, hindsight_ratio=COPIES - 1, hindsight_strategy=strategy)
     replay, origin = init_replay(capacity, with_steps_left=n_steps > 1), [(-1, -1)] * capacity
     head = 0
     for number, (cells, goal) in enumerate(FLIGHTS):

@@ -1,7 +1,6 @@
 """The learners under each rule for forbidden moves: what is not offered is not taken, what ends a flight is not sought."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -14,9 +13,11 @@ from cellpilot.envs.flight import fly
 from cellpilot.evaluate import evaluate
 from cellpilot.evaluate.exact import fly_all
 from cellpilot.evaluate.instances import all_pairs
-from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
+from cellpilot.grid import Grid
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.hindsight import hindsight_goals
+from cellpilot.learn.learner import Place
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters, load_parameters
 from cellpilot.policies.learned import save_parameters
@@ -27,14 +28,17 @@ from cellpilot.world import World
 MakeWorld = Callable[..., World]
 TASK = Task(max_steps=60, rho_blocked=-0.5, rho_end=-3.0)
 FQI = FQIHER(rounds=60, flights=16, steps_per_round=12, updates_per_round=15, batch_size=256, goals_per_round=25, hidden_units=32)
-DDQN = DDQNHER(episodes=1500, replay_capacity=20_000, replay_start=1_000, updates_per_episode=20, hidden=(64, 64))
+DDQN = DDQNHERVariants(
+    episodes=1500, replay_capacity=20_000, replay_start=1_000, updates_per_episode=20, hidden_layers=2, hidden_units=64
+)
+GRID = Grid((0.0, 20.0), (0.0, 20.0), (30.0,))
 RULES = [("stay", 4), ("mask", 4), ("end", 4), ("end", 8)]
 
 
 def learned(world: World, settings: FQIHER | DDQNHER) -> PolicyParameters:
     about = {"task": TASK.as_dict()}
-    result = train(settings, TASK, make_arena(world), 0)
-    return result.policy_parameters(world.grid.sides, about).trained_in(world.airspace)
+    result = train(settings, Place(world, TASK), 0)
+    return result.policy_parameters(about).trained_in(world.airspace)
 
 
 @pytest.mark.parametrize(("rule", "n_moves"), RULES)
@@ -52,7 +56,7 @@ def test_fqi_her_learns_under_every_rule(random_world: MakeWorld, rule: str, n_m
 @pytest.mark.parametrize("double", [True, False])
 def test_ddqn_her_learns_under_the_new_rules(make_world: MakeWorld, rule: str, n_moves: int, double: bool) -> None:
     world = make_world((4, 4, 1), blocked=[(1, 1, 0), (2, 3, 0)], rule=rule, n_moves=n_moves)
-    parameters = learned(world, replace(DDQN, double=double))
+    parameters = learned(world, DDQN.changed(double=double))
     probabilities = LearnedPolicy(parameters, world.grid, 0.5).action_probabilities(world.airspace.free_cells)
     np.testing.assert_allclose(probabilities.sum(-1), 1, rtol=1e-5)
     if rule == "mask":
@@ -85,13 +89,13 @@ def test_hindsight_never_draws_a_forbidden_cell(random_world: MakeWorld, strateg
 
 def test_a_policy_refuses_other_moves_and_another_rule(random_world: MakeWorld) -> None:
     world = random_world(31, (4, 4, 1), 0.2)
-    parameters = learned(world, replace(DDQN, episodes=2))
+    parameters = learned(world, DDQN.changed(episodes=2))
     for other, message in (({"n_moves": 8}, "4 moves, not 8"), ({"rule": "mask"}, "'stay' for forbidden moves, not 'mask'")):
         with pytest.raises(ValueError, match=message):
             parameters.check_airspace(random_world(31, (4, 4, 1), 0.2, **other).airspace)
 
 
-@pytest.mark.parametrize("settings", [replace(FQI, rounds=5), replace(DDQN, episodes=20)], ids=["fqi-her", "ddqn-her"])
+@pytest.mark.parametrize("settings", [FQI.changed(rounds=5), DDQN.changed(episodes=20)], ids=["fqi-her", "ddqn-her"])
 @pytest.mark.parametrize(("rule", "n_moves"), RULES[1:])
 def test_an_exported_policy_follows_the_rule(
     random_world: MakeWorld, tmp_path: Path, rule: str, n_moves: int, settings: FQIHER | DDQNHER
@@ -115,4 +119,4 @@ def test_an_exported_policy_follows_the_rule(
 
 def test_fqi_her_refuses_a_reward_that_its_policy_cannot_carry() -> None:
     with pytest.raises(ValueError, match="'climb'"):
-        FQI.check_fits(Task(more=(Price("climb", -1.0, "move", lambda move: move.action == 4),)))
+        FQI.check_fits(Task(more=(Price("climb", -1.0, "move", lambda move: move.action == 4),)), GRID)

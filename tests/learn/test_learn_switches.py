@@ -11,8 +11,12 @@ import optax
 import pytest
 
 from cellpilot.envs.arena import Arena, make_arena
-from cellpilot.learn.algorithms.ddqn_her import DDQNHER, LearnerState, initial_state, optimize, train_chunk
+from cellpilot.learn.algorithms.ddqn_episode import LearnerState
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
+from cellpilot.learn.algorithms.ddqn_her_variants import ALGORITHM, initial_state, optimize
 from cellpilot.learn.checkpoint import load_state, named_leaves, save_state
+from cellpilot.learn.compiled import train_chunk
+from cellpilot.learn.learner import Place
 from cellpilot.learn.losses import q_learning_target
 from cellpilot.learn.n_step import outcome_of_steps
 from cellpilot.learn.networks import Networks, members
@@ -23,8 +27,15 @@ from cellpilot.task import Task
 from cellpilot.world import World
 
 TASK = Task(rho_blocked=-0.5, max_steps=12)
-SMALL = DDQNHER(
-    episodes=8, batch_size=8, replay_capacity=900, replay_start=60, updates_per_episode=3, target_period=3, hidden=(8, 8)
+SMALL = DDQNHERVariants(
+    episodes=8,
+    batch_size=8,
+    replay_capacity=900,
+    replay_start=60,
+    updates_per_episode=3,
+    target_period=3,
+    hidden_layers=2,
+    hidden_units=8,
 )
 SWITCHES = {
     "dueling": {"architecture": "dueling"},
@@ -32,18 +43,23 @@ SWITCHES = {
     "prioritised": {"prioritised": True},
     "two networks": {"networks": 2},
 }
-ALL = replace(SMALL, **{name: value for change in SWITCHES.values() for name, value in change.items()})
+ALL = SMALL.changed(**{name: value for change in SWITCHES.values() for name, value in change.items()})
 
 
 @pytest.fixture(scope="module")
-def arena(random_world: Callable[..., World]) -> Arena:
-    return make_arena(random_world(5, (4, 3, 1), 0.15, noise_std_db=2.0, sinr_std_db=1.0))
+def place(random_world: Callable[..., World]) -> Place:
+    return Place(random_world(5, (4, 3, 1), 0.15, noise_std_db=2.0, sinr_std_db=1.0), TASK)
 
 
 @pytest.fixture(scope="module")
-def together(arena: Arena) -> TrainingResult:
+def arena(place: Place) -> Arena:
+    return make_arena(place.world)
+
+
+@pytest.fixture(scope="module")
+def together(place: Place) -> TrainingResult:
     """All switches at once, in two chunks."""
-    return train(ALL, TASK, arena, 3, chunk_rounds=4)
+    return train(ALL, place, 3, chunk_rounds=4)
 
 
 def flying(state: LearnerState) -> np.ndarray:
@@ -60,8 +76,8 @@ def assert_equal_bitwise(one: object, two: object) -> None:
 def test_each_switch_trains_another_policy_and_the_same_again(arena: Arena) -> None:
     policies = set()
     for change in list(SWITCHES.values())[1:]:  # dueling trains with the others below
-        settings = replace(SMALL, **change)
-        options = {"settings": settings, "task": TASK, "length": SMALL.episodes}
+        settings = SMALL.changed(**change)
+        options = {"algorithm": ALGORITHM, "settings": settings, "task": TASK, "length": SMALL.episodes}
         once, again = (
             train_chunk(initial_state(settings, arena, 3), arena, jnp.int32(3), jnp.int32(SMALL.episodes), **options)[0]
             for _ in range(2)
@@ -75,7 +91,7 @@ def test_each_switch_trains_another_policy_and_the_same_again(arena: Arena) -> N
 def test_all_switches_together_train_and_are_saved(tmp_path: Path, arena: Arena, together: TrainingResult) -> None:
     assert together.finished
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(together.state))
-    parameters = together.policy_parameters((4, 3, 1), {})
+    parameters = together.policy_parameters({})
     assert parameters.architecture == "dueling"
     assert sum(tensor.size for tensor in parameters.tensors.values()) == flying(together.state).size  # one network flies
     path, identity = tmp_path / "state.safetensors", {"seed": 3, "fingerprint": ""}
@@ -84,8 +100,8 @@ def test_all_switches_together_train_and_are_saved(tmp_path: Path, arena: Arena,
     assert_equal_bitwise(again, together.state)
 
 
-def test_seeds_at_once_are_the_trainings_they_would_be_alone(arena: Arena, together: TrainingResult) -> None:
-    found, other = train_many(ALL, TASK, arena, (3, 4), chunk_rounds=4)
+def test_seeds_at_once_are_the_trainings_they_would_be_alone(place: Place, together: TrainingResult) -> None:
+    found, other = train_many(ALL, place, (3, 4), chunk_rounds=4)
     expected = named_leaves(together.state)
     for name, leaf in named_leaves(found.state).items():
         np.testing.assert_allclose(leaf, expected[name], atol=2e-5, err_msg=name)
@@ -94,7 +110,7 @@ def test_seeds_at_once_are_the_trainings_they_would_be_alone(arena: Arena, toget
 
 def test_an_update_with_every_switch_is_its_equations(arena: Arena, together: TrainingResult) -> None:
     """Two updates with everything on, written out network by network for the same rows; online and target all differ."""
-    settings, key = replace(ALL, updates_per_episode=2), jax.random.key(5)
+    settings, key = ALL.changed(updates_per_episode=2), jax.random.key(5)
     state = replace(together.state, target=initial_state(ALL, arena, 99).online, episode=jnp.int32(2))
     found = jax.jit(optimize, static_argnums=(1, 3))(key, settings, arena, TASK, state)
     experiences, priority = state.replay.experiences, state.replay.priority
@@ -139,8 +155,16 @@ def test_an_update_with_every_switch_is_its_equations(arena: Arena, together: Tr
 
 
 def test_two_networks_start_apart_and_the_first_as_it_would_alone(arena: Arena) -> None:
-    alone, twins = (initial_state(replace(SMALL, networks=n), arena, 7) for n in (1, 2))
+    alone, twins = (initial_state(SMALL.changed(networks=n), arena, 7) for n in (1, 2))
     first, second = members(twins.online)
     for one, two, other in zip(*map(jax.tree.leaves, (alone.online, first, second)), strict=True):
         np.testing.assert_array_equal(one, two)
         assert (np.asarray(one) != np.asarray(other)).all()
+
+
+def test_without_a_switch_it_is_the_published_algorithm_bit_for_bit(place: Place) -> None:
+    published = DDQNHER(**{name: getattr(SMALL, name) for name in DDQNHER.model_fields if name != "algorithm"})
+    one, other = (train(settings, place, 3) for settings in (published, SMALL))
+    assert_equal_bitwise(one.state, other.state)
+    for name, column in one.history.items():
+        np.testing.assert_array_equal(column, other.history[name])

@@ -1,120 +1,162 @@
-"""A second learner plugs into the trainer by one line of the table: rounds are counted, saved and resumed for it too."""
+"""Learners by name, and one of somebody else's in one file: trained, resumed, saved, evaluated and reported like the others."""
 
+import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from functools import partial
+from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import ClassVar
+from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cellpilot.envs.arena import Arena, make_arena
-from cellpilot.experiment import make_learner
-from cellpilot.learn.algorithms.base import AlgorithmSettings
-from cellpilot.learn.algorithms.table import ALGORITHMS, Algorithm, TrainState
-from cellpilot.learn.trainer import TrainingProgress, train
-from cellpilot.policies import PolicyParameters
+from cellpilot.errors import InputError
+from cellpilot.learn.algorithms import table
+from cellpilot.learn.algorithms.base import LearnerSettings
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
+from cellpilot.learn.algorithms.map_learner_settings import MapLearning
+from cellpilot.learn.checkpoint import named_leaves
+from cellpilot.learn.learner import Place
+from cellpilot.learn.trainer import TrainingProgress, train, train_many
+from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, load_parameters
+from cellpilot.policies.learned import save_parameters
 from cellpilot.scenario import LEARNERS
 from cellpilot.task import Task
 from cellpilot.world import World
 
-
-@dataclass(frozen=True)
-class Guessing:
-    """Settings of an algorithm that adds up random numbers."""
-
-    algorithm: ClassVar[str] = "guessing"
-    counts: ClassVar[str] = "rounds"
-    chunk_rounds: ClassVar[int] = 4
-    updates: ClassVar[int] = 0
-    explores_by: ClassVar[str] = "nothing"
-    rounds: int = 10
-
-    def check_fits(self, task: Task) -> None:
-        """Everything fits."""
+EXAMPLE = Path(__file__).parents[2] / "examples" / "q_learning.py"
+TASK = Task(max_steps=30)
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class GuessingState:
-    total: jax.Array
-    rounds_done: jax.Array
-    env_steps: jax.Array
+def example() -> Any:
+    """The worked example as a module."""
+    spec = importlib.util.spec_from_file_location("q_learning", EXAMPLE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class GuessingRows:
-    episode_return: jax.Array
-    reached: jax.Array
-    q_error: jax.Array
+BRIEF_REPLAY = {"episodes": 6, "replay_capacity": 900, "replay_start": 60, "updates_per_episode": 2, "hidden_units": 8}
+BRIEF: dict[str, LearnerSettings] = {
+    "ddqn-her": DDQNHER(**BRIEF_REPLAY),
+    "ddqn-her-variants": DDQNHERVariants(**BRIEF_REPLAY, double=False),
+    "fqi-her": FQIHER(rounds=6, flights=4, updates_per_round=2, goals_per_round=4, batch_size=16, hidden_units=8),
+    "map-learner": MapLearning(flights=6, estimate_after_flights=(2, 4)),
+    "q-learning": example().QLearning(flights=6),
+}
 
 
-def empty_rows(length: int) -> GuessingRows:
-    return GuessingRows(jnp.zeros(length), jnp.zeros(length), jnp.zeros(length, jnp.int32))
+@pytest.fixture(scope="module")
+def place(random_world: Callable[..., World]) -> Place:
+    return Place(random_world(5, (4, 3, 1), 0.15, noise_std_db=2.0), TASK)
 
 
-@partial(jax.jit, static_argnames=("settings", "task", "length"), donate_argnames="state")
-def train_chunk(
-    state: GuessingState, arena: Arena, seed: jax.Array, n: jax.Array, *, settings: Guessing, task: Task, length: int
-) -> tuple[GuessingState, GuessingRows]:
-    def body(i: jax.Array, carry: tuple[GuessingState, GuessingRows]) -> tuple[GuessingState, GuessingRows]:
-        state, rows = carry
-        draw = jax.random.uniform(jax.random.fold_in(jax.random.key(seed), state.rounds_done))
-        state = GuessingState(state.total + draw, state.rounds_done + 1, state.env_steps + 7)
-        return state, jax.tree.map(lambda rows, value: rows.at[i].set(value), rows, GuessingRows(draw, draw, i * 0 + 5))
-
-    return jax.lax.fori_loop(0, n, body, (state, empty_rows(length)))
+def test_every_learner_of_the_table_is_tried_here() -> None:
+    assert set(BRIEF) == set(LEARNERS) | {"q-learning"}
+    for name, settings in LEARNERS.items():
+        assert settings.model_fields["algorithm"].default == name
 
 
-GUESSING = Algorithm(
-    initial_state=lambda settings, arena, seed: GuessingState(jnp.float32(seed), jnp.int32(0), jnp.int32(0)),
-    fill_replay=None,
-    train_chunk=train_chunk,
-    empty_rows=empty_rows,
-    exploration_at=lambda settings, n: n * 0.0,
-    learned=lambda state: state.total,
-    policy_parameters=lambda state, settings, sides, about: PolicyParameters({"total": np.asarray(state.total)}, "none", sides),
-)
-
-
-def test_another_algorithm_trains_in_rounds_and_resumes(
-    tmp_path: Path, make_world: Callable[..., World], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(ALGORITHMS, "guessing", GUESSING)
-    arena, seen = make_arena(make_world((3, 2, 1))), list[TrainingProgress]()
-    whole = train(Guessing(), Task(), arena, seed=2, progress=seen.append)
-    assert [(p.done, p.rounds) for p in seen] == [(4, 10), (8, 10), (10, 10)]
+@pytest.mark.parametrize("name", BRIEF)
+def test_a_learner_resumes_bit_for_bit_and_seeds_differ(tmp_path: Path, place: Place, name: str) -> None:
+    settings, seen, file = BRIEF[name], list[TrainingProgress](), tmp_path / "state.safetensors"
+    whole = train(settings, place, 2, chunk_rounds=6, progress=seen.append)
+    assert [(p.done, p.rounds) for p in seen] == [(6, 6)]
     assert whole.finished
-    assert whole.env_steps == 70
-    assert {name: len(column) for name, column in whole.history.items()} == dict.fromkeys(
-        ("episode_return", "reached", "q_error", "exploration"), 10
-    )
-    assert whole.history["q_error"].dtype == np.int32
-    assert float(whole.state.total) == pytest.approx(2 + whole.history["episode_return"].sum(), rel=1e-5)
-    assert whole.policy_parameters((3, 2, 1), {}).tensors["total"] == float(whole.state.total)
-
-    checkpoint, left = tmp_path / "state.safetensors", iter([False, True])
-    part = train(Guessing(), Task(), arena, 2, checkpoint=checkpoint, interrupted=lambda: next(left))
+    assert {"episode_return", "n_steps", "reached", "exploration"} <= whole.history.keys()
+    assert {len(column) for column in whole.history.values()} == {6}
+    assert whole.env_steps >= 6
+    left = iter([False, True])
+    part = train(settings, place, 2, checkpoint=file, chunk_rounds=3, interrupted=lambda: next(left))
     assert not part.finished
-    resumed = train(Guessing(), Task(), arena, 2, checkpoint=checkpoint, chunk_rounds=3)
-    for name, column in whole.history.items():
-        np.testing.assert_array_equal(resumed.history[name], column)
-    assert float(resumed.state.total) == float(whole.state.total)
+    resumed = train(settings, place, 2, checkpoint=file, chunk_rounds=2)
+    for leaf, value in named_leaves(whole.state).items():
+        assert np.asarray(value).tobytes() == np.asarray(named_leaves(resumed.state)[leaf]).tobytes(), leaf
+    for column, values in whole.history.items():
+        np.testing.assert_array_equal(resumed.history[column], values)
+    other = train(settings, place, 3, chunk_rounds=6)
+    assert other.history["episode_return"].tolist() != whole.history["episode_return"].tolist()
 
 
-@pytest.mark.parametrize("name", ALGORITHMS)
-def test_every_algorithm_has_settings_a_state_and_rows_as_the_trainer_reads_them(
-    make_world: Callable[..., World], name: str
-) -> None:
-    settings = make_learner(LEARNERS[name]())
-    assert isinstance(settings, AlgorithmSettings)
-    assert settings.algorithm == name
-    state = ALGORITHMS[name].initial_state(settings, make_arena(make_world((3, 2, 1))), 0)
-    assert isinstance(state, TrainState)
-    assert int(state.rounds_done) == 0
-    assert {"episode_return", "reached"} <= {field.name for field in fields(ALGORITHMS[name].empty_rows(1))}
-    assert LEARNERS.keys() == ALGORITHMS.keys()
+@pytest.mark.parametrize("name", BRIEF)
+def test_what_is_learned_is_saved_and_flies_from_its_file(tmp_path: Path, place: Place, name: str) -> None:
+    first, second = train_many(BRIEF[name], place, (2, 3))
+    about, grid = {"task": TASK.as_dict()}, place.world.grid
+    goals = place.world.airspace.free_cells
+    tables = []
+    for result in (first, second):
+        parameters = result.policy_parameters(about).trained_in(place.world.airspace)
+        save_parameters(parameters, tmp_path / "p.safetensors")
+        found = load_parameters(tmp_path / "p.safetensors")
+        np.testing.assert_array_equal(found.values(grid, goals), parameters.values(grid, goals))
+        tables.append(LearnedPolicy(found, grid).action_probabilities(goals).tobytes())
+    assert tables[0] != tables[1]
+
+
+def test_the_map_learner_of_a_run_flies_in_one_drawn_world(random_world: Callable[..., World]) -> None:
+    """What is unknown of the map is one error of the whole training: a cell measured twice shows the same value."""
+    world = random_world(5, (3, 3, 1), noise_std_db=0.0, sinr_std_db=4.0)
+    states = [train(MapLearning(flights=4, estimate_after_flights=(2,)), Place(world, TASK), seed).state for seed in (0, 1)]
+    errors = []
+    for state in states:
+        n = int(state.arrays["n_steps"].sum())
+        cells, sinr_db = state.arrays["cells"][:n], state.arrays["sinr_db"][:n]
+        assert len(set(zip(cells.tolist(), sinr_db.tolist(), strict=True))) == len(set(cells.tolist())) < n
+        errors.append(float((sinr_db - world.signal.mean_db[cells])[0]))
+    assert errors[0] != errors[1]
+    assert all(error != 0 for error in errors)
+
+
+def test_the_map_learner_refuses_a_map_with_holes_and_one_that_is_too_large(make_world: Callable[..., World]) -> None:
+    with pytest.raises(InputError, match="SINR in every free cell"):
+        train(MapLearning(), Place(make_world((3, 1, 1), [3.0, -np.inf, 3.0]), TASK), 0)
+    with pytest.raises(InputError, match="3,000 cells"):
+        train(MapLearning(), Place(make_world((60, 60, 1)), TASK), 0)
+
+
+def test_the_example_learns_and_the_map_learner_reaches_the_optimum(random_world: Callable[..., World]) -> None:
+    from cellpilot.evaluate.exact import exhaustive_summary
+    from cellpilot.evaluate.metrics import score
+
+    world = random_world(3, (5, 5, 1))
+    greedy, optimal = (exhaustive_summary(None, world, TASK, p) for p in (GreedyPolicy(world), OptimalPolicy(world, TASK)))
+    for settings, least in ((example().QLearning(flights=800), 0.9), (MapLearning(flights=20), 0.95)):
+        parameters = train(settings, Place(world, TASK), 0).policy_parameters({"task": TASK.as_dict()})
+        found = exhaustive_summary(None, world, TASK, LearnedPolicy(parameters, world.grid))
+        assert (score(found, greedy, optimal) or 0.0) > least, settings.algorithm
+
+
+class _Point(EntryPoint):
+    def load(self) -> Any:
+        return {"q": example().QLearning, "no": dict}[self.value]
+
+
+@pytest.mark.parametrize(
+    ("point", "wrong"),
+    [
+        (_Point("q-learning", "q", table.GROUP), None),
+        (_Point("other-name", "q", table.GROUP), "other-name"),
+        (_Point("fqi-her", "q", table.GROUP), "fqi-her"),
+        (_Point("nothing", "no", table.GROUP), "no subclass"),
+        (EntryPoint("gone", "no_such_module:Learner", table.GROUP), "cannot be imported"),
+    ],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_an_installed_package_offers_its_learner(monkeypatch: pytest.MonkeyPatch, point: EntryPoint, wrong: str | None) -> None:
+    monkeypatch.setattr(table, "entry_points", lambda group: [point] if group == "cellpilot.learners" else [])
+    if wrong is None:
+        assert set(table.learners.__wrapped__()) == set(table.OWN) | {"q-learning"}
+    else:
+        with pytest.raises(InputError, match=wrong):
+            table.learners.__wrapped__()
+
+
+def test_own_learners_stay_as_they_are(place: Place) -> None:
+    """A learner of a place with a fixed start and goal flies between them alone."""
+    start, goal = (tuple(int(i) for i in place.world.grid.position(cell)) for cell in place.world.airspace.free_cells[[0, -1]])
+    for name in ("map-learner", "q-learning"):
+        result = train(BRIEF[name], replace(place, start=start, goal=goal), 0)
+        assert (result.history["n_steps"] >= sum(abs(a - b) for a, b in zip(start, goal, strict=True))).all()

@@ -11,21 +11,17 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from cellpilot.experiment import fingerprint, make_deployment, make_learner, make_map, make_task
+from cellpilot.experiment import fingerprint, make_deployment, make_map, make_task
 from cellpilot.grid import Grid
-from cellpilot.learn.algorithms.base import AlgorithmSettings
-from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
-from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
 from cellpilot.policies import PolicyParameters
 from cellpilot.policies.learned import save_parameters
 from cellpilot.runs import create_run, evaluate_run
 from cellpilot.scenario import (
-    AnyLearnerSettings,
+    LEARNERS,
     EvaluationSettings,
-    LearnerSettings,
     MapFile,
     MeasuredMap,
-    PairLearnerSettings,
     Scenario,
     Settings,
     SimulatedMap,
@@ -34,7 +30,7 @@ from cellpilot.scenario import (
 from cellpilot.world import World
 
 UNITS = {"_m": "[m]", "_db": "[dB]", "_dbm": "[dBm]", "_hz": "[Hz]", "_deg": "[deg]", "_wavelengths": "[wavelengths]"}
-SECTIONS = (SimulatedMap, MeasuredMap, MapFile, TaskSettings, LearnerSettings, PairLearnerSettings, EvaluationSettings)
+SECTIONS = (SimulatedMap, MeasuredMap, MapFile, TaskSettings, *LEARNERS.values(), EvaluationSettings)
 SMALL = SimulatedMap(bin_m=100.0, points_per_side=2)
 
 CHANGED_MAP = {
@@ -87,7 +83,7 @@ CHANGED_LEARNER = {
     "hindsight_ratio": 4,
     "hindsight_strategy": "final",
     "double": False,
-    "clip_targets": not LearnerSettings().clip_targets,
+    "clip_targets": False,
     "architecture": "two-stream",
     "hidden_layers": 2,
     "hidden_units": 20,
@@ -123,7 +119,7 @@ def test_settings_are_frozen_and_refuse_unknown_keys(section: type[Settings]) ->
 def test_the_tables_below_miss_no_setting() -> None:
     assert set(CHANGED_MAP) == set(SimulatedMap.model_fields) - {"kind", "sites", "anchor"}  # a site list: test_maps_sites.py
     assert set(CHANGED_TASK) | {"start", "goal", "noise_std_db"} == set(TaskSettings.model_fields)
-    assert set(CHANGED_LEARNER) == set(LearnerSettings.model_fields) - {"algorithm"}
+    assert set(CHANGED_LEARNER) == set(DDQNHERVariants.model_fields) - {"algorithm"}
 
 
 @pytest.mark.parametrize("name", CHANGED_MAP)
@@ -150,27 +146,23 @@ def test_every_setting_of_a_task_arrives_in_the_task_under_its_name(name: str) -
     assert sum(a != b for a, b in zip(astuple(before), astuple(after), strict=True)) == 1
 
 
-@pytest.mark.parametrize("name", CHANGED_LEARNER)
-def test_every_setting_of_the_learner_changes_the_learner(name: str) -> None:
-    before = make_learner(LearnerSettings(initial_exploration=0.9))
-    after = make_learner(LearnerSettings(**({"initial_exploration": 0.9} | {name: CHANGED_LEARNER[name]})))
-    changed = [a for a, b in zip(vars(after).items(), vars(before).items(), strict=True) if a != b]
-    assert len(changed) == 1
-    target = {"hindsight": "hindsight_ratio", "hidden_layers": "hidden", "hidden_units": "hidden"}.get(name, name)
-    assert changed[0][0] == target
-    if target == name:
-        assert changed[0][1] == CHANGED_LEARNER[name]
-
-
 def test_switching_hindsight_off_leaves_no_hindsight_goal() -> None:
-    assert make_learner(LearnerSettings(hindsight=False, hindsight_ratio=4)).hindsight_ratio == 0
-    assert make_learner(LearnerSettings(hidden_layers=2, hidden_units=7)).hidden == (7, 7)
+    assert DDQNHERVariants(hindsight=False, hindsight_ratio=4).copies == 1
+    assert DDQNHERVariants(hindsight_ratio=4).copies == 5
+    assert DDQNHER(hidden_layers=2, hidden_units=7).hidden == (7, 7)
+
+
+def test_the_published_learner_has_no_switch_and_the_variants_have_all_its_settings() -> None:
+    published, variants = set(DDQNHER.model_fields), set(DDQNHERVariants.model_fields)
+    assert published < variants
+    for name in published - {"algorithm"}:
+        assert getattr(DDQNHER(), name) == getattr(DDQNHERVariants(), name)
 
 
 @pytest.mark.parametrize("section", ["task", "learner"])
 def test_a_changed_setting_changes_the_fingerprint_of_a_training(section: str) -> None:
     world = World.from_map(make_map(SMALL))
-    base = Scenario(learner=LearnerSettings(initial_exploration=0.9))
+    base = Scenario(learner=DDQNHERVariants(initial_exploration=0.9))
     changes = (
         CHANGED_TASK | {"noise_std_db": 1.0, "start": (0, 0, 0), "goal": (1, 1, 0)} if section == "task" else CHANGED_LEARNER
     )
@@ -179,13 +171,6 @@ def test_a_changed_setting_changes_the_fingerprint_of_a_training(section: str) -
         settings = getattr(base, section).model_copy(update={name: value})
         marks.add(fingerprint(base.model_copy(update={section: settings}), world))
     assert len(marks) == len(changes) + 1
-
-
-@pytest.mark.parametrize(("written", "compiled"), [(LearnerSettings(), DDQNHER()), (PairLearnerSettings(), FQIHER())])
-def test_what_is_not_written_is_the_same_in_scenarios_and_in_code(
-    written: AnyLearnerSettings, compiled: AlgorithmSettings
-) -> None:
-    assert make_learner(written) == compiled
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellpilot.errors import InputError
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
 from cellpilot.scenario import (
     SHIPPED,
     EvaluationSettings,
-    LearnerSettings,
     MapFile,
     MeasuredMap,
     Scenario,
@@ -82,7 +82,7 @@ tasks = st.builds(
     goal=cells,
 )
 learners = st.builds(
-    LearnerSettings,
+    DDQNHERVariants,
     episodes=count,
     batch_size=count,
     replay_capacity=st.integers(10**6, 10**8),
@@ -224,13 +224,13 @@ def test_the_scenarios_of_the_thesis_differ_from_the_defaults_only_where_it_says
         name=name,
         map=SimulatedMap(heights_m=values["heights_m"]),
         task=TaskSettings(noise_std_db=values["noise_std_db"]),
-        learner=LearnerSettings(episodes=values["episodes"], exploration_fraction=values["exploration_fraction"]),
+        learner=DDQNHER(episodes=values["episodes"], exploration_fraction=values["exploration_fraction"]),
     )
     assert scenario == expected
 
 
 def test_the_defaults_are_the_thesis() -> None:
-    simulated, task, learner = SimulatedMap(), TaskSettings(), LearnerSettings()
+    simulated, task, learner = SimulatedMap(), TaskSettings(), DDQNHER()
     # Table 4.1 and section 4.2.1
     assert (simulated.rings, simulated.power_dbm, simulated.inter_site_distance_m) == (1, 48.0, 500.0)
     assert (simulated.carrier_hz, simulated.bandwidth_hz, simulated.base_height_m) == (2e9, 10e6, 25.0)
@@ -241,9 +241,8 @@ def test_the_defaults_are_the_thesis() -> None:
     # Table 4.3 and section 4.3
     assert (learner.batch_size, learner.replay_capacity, learner.replay_start) == (32, 500_000, 50_000)
     assert (learner.target_period, task.discount, learner.learning_rate) == (10, 0.995, 1e-3)
-    assert (learner.initial_exploration, learner.final_exploration, learner.exploration) == (2.0, 0.1, "boltzmann")
-    assert (learner.updates_per_episode, learner.hindsight_ratio, learner.hindsight_strategy) == (30, 2, "future")
-    assert (learner.hindsight, learner.double, learner.architecture) == (True, True, "concatenated")
+    assert (learner.initial_exploration, learner.final_exploration, learner.explores_by) == (2.0, 0.1, "temperature")
+    assert (learner.updates_per_episode, learner.hindsight_ratio) == (30, 2)
     assert (learner.hidden_layers, learner.hidden_units) == (3, 50)
     assert EvaluationSettings().n_sampled == 10_000
 

@@ -17,10 +17,10 @@ from pydantic import BaseModel, Field, ValidationError
 from cellpilot.errors import InputError
 from cellpilot.scenario import (
     LEARNERS,
+    PUBLISHED,
     SHIPPED,
     AirspaceSettings,
-    AnyLearnerSettings,
-    LearnerSettings,
+    AnyLearner,
     MapFile,
     MapSettings,
     Scenario,
@@ -45,7 +45,7 @@ class ScenarioOptions(Settings):
     map: MapSettings = SimulatedMap()
     task: TaskSettings = TaskSettings()
     airspace: AirspaceSettings = AirspaceSettings()
-    learner: AnyLearnerSettings = LearnerSettings()
+    learner: AnyLearner = PUBLISHED
 
 
 InScenario = TypeVar("InScenario", bound=ScenarioOptions)
@@ -59,7 +59,7 @@ def parse_scenario(kind: type[InScenario], arguments: Sequence[str], verb: str, 
     if map_file is not None:
         scenario = scenario.model_copy(update={"map": MapFile(path=map_file), "name": _name_on(scenario.name, map_file)})
     if (algorithm := _asked_algorithm(arguments)) not in (None, scenario.learner.algorithm):
-        scenario = scenario.model_copy(update={"learner": LEARNERS[algorithm]()})
+        scenario = scenario.model_copy(update={"learner": LEARNERS[algorithm].model_validate({})})
     _refuse_other_learner(arguments, scenario)
     sections = [section for section in ("map", "task", "airspace", "learner", "evaluation") if section in kind.model_fields]
     default = kind(scenario=name, **{section: getattr(scenario, section) for section in sections})

@@ -15,7 +15,7 @@ from cellpilot.cli.console import err, out, share_bar, training_bar, warn
 from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse, parse_scenario
 from cellpilot.errors import InputError, WriteError
-from cellpilot.experiment import divergence_warning, make_learner, threshold_warning
+from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.learn.history import mean_of_flights
 from cellpilot.provenance import usable_cores
 from cellpilot.runs import Run, create_run, evaluate_run, is_occupied, open_run, payload, read_facts, save_evaluation, train_runs
@@ -72,7 +72,7 @@ def _evaluate_and_report(runs: Sequence[Run]) -> None:
         if len(runs) == 1:
             out.print(text_table(payload(run, evaluation)))
         save_evaluation(run, evaluation)
-        log_evaluation(run.folder, figures[-1], make_learner(run.scenario.learner).rounds)
+        log_evaluation(run.folder, figures[-1], run.scenario.learner.n_rounds)
         out.print(f"report: {write_report(run.folder)}")
     if len(runs) > 1:
         out.print(policies_over_seeds(figures))
@@ -125,11 +125,11 @@ def _refuse_settings(arguments: Sequence[str], verb: str) -> None:
 def _cores_warning(runs: Sequence[Run]) -> str | None:
     """What to say where a training goes on with another number of cores, and so to another result; None where it does not."""
     began = {cores for run in runs if (cores := read_facts(run.folder).cores) is not None}
-    if not began - {usable_cores()} or runs[0].scenario.learner.algorithm != "fqi-her":
+    if not began - {usable_cores()} or not runs[0].scenario.learner.depends_on_cores:
         return None
     return (
         f"the training began on {' and '.join(map(str, sorted(began)))} core(s) and goes on with {usable_cores()}:"
-        " FQI-HER ends in another policy than on either alone"
+        f" {runs[0].scenario.learner.algorithm} ends in another policy than on either alone"
     )
 
 
@@ -142,8 +142,8 @@ def _logged(runs: list[Run], tensorboard: bool) -> list[Run]:
 
 def train_with_bar(runs: Sequence[Run]) -> "list[TrainingResult] | None":
     """Train and say how it went; None if it was interrupted."""
-    learner = make_learner(runs[0].scenario.learner)
-    bar = training_bar(learner.rounds, learner.counts, learner.explores_by)
+    learner = runs[0].scenario.learner
+    bar = training_bar(learner.n_rounds, learner.counts, learner.explores_by)
     try:
         with logged_progress([run.folder for run in runs], learner.chunk_rounds) as log, bar as show:
 
@@ -189,7 +189,7 @@ def policies_over_seeds(figures: Sequence[dict[str, dict[str, float | None]]]) -
 def training_over_seeds(results: "Sequence[TrainingResult]") -> Table:
     """Return and share that reached over the last tenth of training: each seed, then mean and standard deviation."""
     table = seeds_table(len(results), "seed", ("return", "reached [%]"))
-    last = max(1, results[0].settings.rounds // 10)
+    last = max(1, results[0].settings.n_rounds // 10)
     mean_of = lambda result, name: mean_of_flights(result.history, name, slice(-last, None))
     means = [[mean_of(result, name) for name in ("episode_return", "reached")] for result in results]
     figures = [[None if np.isnan(mean) else mean for mean in row] for row in means]

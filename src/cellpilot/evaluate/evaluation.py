@@ -16,6 +16,7 @@ from cellpilot.evaluate.summary import Summary, summarise
 from cellpilot.grid import IntArray, Position
 from cellpilot.policies import Policy
 from cellpilot.solve import LARGE_CELLS
+from cellpilot.streams import Evaluating, stream
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -62,16 +63,16 @@ def evaluate(
     n_pairs, unreachable = count_pairs(world, start, goal)
     exhaustive = n_pairs < max_exhaustive_pairs
     n_goals = None if exhaustive else most_goals(world)
-    instances = sample_pairs(np.random.default_rng([seed, 0]), world, n_sampled, start, goal, n_goals)
+    instances = sample_pairs(stream(seed, Evaluating.INSTANCES), world, n_sampled, start, goal, n_goals)
     exact, sampled, flights, histograms = {}, {}, {}, {}
     for i, policy in enumerate(policies):
         done = lambda share, i=i: progress((i + share) / len(policies))
         tell = done if not exhaustive else lambda share: None
-        records, visits = sampled_flights(np.random.default_rng([seed, 1]), world, task, policy, instances, rule, tell)
+        records, visits = sampled_flights(stream(seed, Evaluating.FLIGHTS), world, task, policy, instances, rule, tell)
         flights[policy.name], histograms[policy.name] = records, visits.sinr_histogram
         sampled[policy.name] = _metrics(summarise(records, visits, world, task, expected=False)) | _intervals(records)
         if exhaustive:
-            rng = np.random.default_rng([seed, 2])
+            rng = stream(seed, Evaluating.EXHAUSTIVE)
             summary = exhaustive_summary(rng, world, task, policy, start, goal, done)
             exact[policy.name] = _metrics(replace(summary, mobility=visits.mobility)) | NO_INTERVALS
         done(1.0)

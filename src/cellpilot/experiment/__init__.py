@@ -1,6 +1,5 @@
 """From a scenario to map, world, task, learner settings and policies: the one place where they are put together."""
 
-from cellpilot.experiment.learners import check_learner, make_learner
 from cellpilot.experiment.maps import (
     holdout_of,
     layout_warning,
@@ -16,14 +15,12 @@ from cellpilot.experiment.tasks import fingerprint, make_task, make_world
 from cellpilot.experiment.warnings import divergence_warning, threshold_warning
 
 __all__ = [
-    "check_learner",
     "divergence_warning",
     "fingerprint",
     "holdout_of",
     "layout_warning",
     "log_options",
     "make_deployment",
-    "make_learner",
     "make_map",
     "make_measured_map",
     "make_policies",

@@ -43,7 +43,9 @@ def load_state(path: Path, template: State, identity: dict[str, Any]) -> tuple[S
         if found is None or found.shape != leaf.shape or found.dtype != leaf.dtype:
             what = "missing" if found is None else f"{found.dtype}{list(found.shape)}"
             raise InputError(f"{path}: {name} is {what}, expected {leaf.dtype}{list(leaf.shape)}: a checkpoint of other settings")
-    leaves = [jnp.asarray(tensors[f"state.{name}"]) for name in expected]
+    # A learner in plain Python has arrays of NumPy, in double precision too.
+    like = lambda name: np.asarray if isinstance(expected[name], np.ndarray) else jnp.asarray
+    leaves = [like(name)(tensors[f"state.{name}"]) for name in expected]
     state = jax.tree.unflatten(jax.tree.structure(template), leaves)
     history = {name.removeprefix("history."): value for name, value in tensors.items() if name.startswith("history.")}
     return state, history, about

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -14,16 +14,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cellpilot.envs.arena import Arena
 from cellpilot.errors import InputError
-from cellpilot.learn.algorithms.base import AlgorithmSettings
-from cellpilot.learn.algorithms.table import ALGORITHMS, TrainState
+from cellpilot.learn.algorithms.base import LearnerSettings
 from cellpilot.learn.checkpoint import load_state, save_state
-from cellpilot.learn.compile import compile_ahead, single_precision
+from cellpilot.learn.compile import single_precision
 from cellpilot.learn.history import mean_of_flights
-from cellpilot.learn.seeds import compile_chunk
+from cellpilot.learn.learner import History, Learner, Place
 from cellpilot.policies.learned import PolicyParameters
-from cellpilot.task import Task
 
 CHECKPOINT_EVERY_S = 10.0
 STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -39,17 +36,18 @@ class TrainingProgress:
     return_mean: float  # of the flights that ended in the last chunk; NaN if none did
     reached_share: float  # of the same
     exploration: float
-    histories: Callable[[], list[dict[str, np.ndarray]]]  # learning curve of each seed so far
+    histories: Callable[[], list[History]]  # learning curve of each seed so far
 
 
 @dataclass
 class TrainingResult:
     """A finished or interrupted training."""
 
-    settings: AlgorithmSettings
+    settings: LearnerSettings
+    learner: Learner
     seed: int
-    state: TrainState
-    history: dict[str, np.ndarray]  # episode_return, n_steps, reached, exploration `[rounds]`; NaN where no flight ended
+    state: Any
+    history: History  # episode_return, n_steps, reached, exploration `[rounds]`; NaN where no flight ended
     finished: bool
     train_wall_s: float  # without compilation, summed over resumed parts
     compile_s: float  # of this part
@@ -57,17 +55,16 @@ class TrainingResult:
     @property
     def env_steps(self) -> int:
         """Steps flown, random ones included."""
-        return int(self.state.env_steps)
+        return self.learner.env_steps(self.state)
 
-    def policy_parameters(self, sides: tuple[int, int, int], about: dict[str, object]) -> PolicyParameters:
-        """What was learned as plain NumPy weights that fly without JAX."""
-        return ALGORITHMS[self.settings.algorithm].policy_parameters(self.state, self.settings, sides, about)
+    def policy_parameters(self, about: dict[str, object]) -> PolicyParameters:
+        """What was learned as plain NumPy arrays that fly without JAX; `about` describes the training, and has the task."""
+        return self.learner.policy_parameters(self.state, about)
 
 
 def train(
-    settings: AlgorithmSettings,
-    task: Task,
-    arena: Arena,
+    settings: LearnerSettings,
+    place: Place,
     seed: int,
     *,
     checkpoint: Path | None = None,
@@ -83,13 +80,12 @@ def train(
     An interrupt is Ctrl-C in the main thread, which calls `noticed` at once, or `interrupted()` becoming true.
 
     `fingerprint` names map, task and settings; a checkpoint with another one is refused. The result is a function of
-    (settings, task, arena, seed) on one machine, however often training was cut. FQI-HER also depends on the number of
+    (settings, place, seed) on one machine, however often training was cut. FQI-HER also depends on the number of
     cores, among which the compiler divides its sums: `run.json` of a run has it.
     """
     return train_many(
         settings,
-        task,
-        arena,
+        place,
         (seed,),
         checkpoints=(checkpoint,),
         fingerprint=fingerprint,
@@ -103,9 +99,8 @@ def train(
 
 @single_precision
 def train_many(
-    settings: AlgorithmSettings,
-    task: Task,
-    arena: Arena,
+    settings: LearnerSettings,
+    place: Place,
     seeds: Sequence[int],
     *,
     checkpoints: Sequence[Path | None] | None = None,
@@ -122,29 +117,29 @@ def train_many(
     differently. Training amplifies such differences, so over a long run the two part like two seeds do. Seeds whose
     checkpoints are behind the others catch up first. `checkpoints` are one per seed.
     """
-    settings.check_fits(task)
-    algorithm = ALGORITHMS[settings.algorithm]
+    settings.check_fits(place.task, place.world.grid, len(seeds))
+    learner = settings.learner(place)
     length = settings.chunk_rounds if chunk_rounds is None else chunk_rounds
     files = checkpoints or [None] * len(seeds)
-    runs = [_open(settings, arena, seed, file, fingerprint) for seed, file in zip(seeds, files, strict=True)]
+    runs = [_open(learner, seed, file, fingerprint) for seed, file in zip(seeds, files, strict=True)]
     clock = _Clock()
 
     def show(n: int) -> None:
-        progress(_progress(settings, runs, n))
+        progress(_progress(settings, learner, runs, n))
 
     def advance(group: list[_Run], until: int, stop: Callable[[], bool]) -> None:
         """Train runs that are equally far, until they are `until` far or `stop()`."""
         with clock.compiling():
             states, numbers = [run.state for run in group], [run.seed for run in group]
-            program = compile_chunk(settings, task, arena, states, numbers, length)
+            program = learner.program(states, numbers, length)
         packed, saved = program.pack(states), time.perf_counter()
         while (done := group[0].done) < until and not stop():
             n = min(length, until - done)
             with clock.training(group):
                 packed, rows = program.run(packed, n)
                 for run, row in zip(group, rows, strict=True):
-                    run.history = _append(run.history, row, n)
-            if not _finite(algorithm.learned(packed)):
+                    run.history = {name: np.concatenate([run.history[name], row[name]]) for name in row}
+            if not _finite(learner.learned(packed)):
                 raise InputError(f"training diverged after {done + n} {settings.counts}: lower learning_rate")
             show(n)
             if time.perf_counter() - saved > checkpoint_every_s * len(group):
@@ -159,22 +154,22 @@ def train_many(
     with interruptible(noticed) as signalled:
         stop = lambda: signalled.is_set() or interrupted()
         fresh = [run for run in runs if run.fresh]
-        if fresh and algorithm.fill_replay is not None:
+        if fresh:
             with clock.compiling():
-                options = {"settings": settings, "task": task}
-                fill = compile_ahead(algorithm.fill_replay, fresh[0].state, arena, jnp.int32(0), **options)
-            with clock.training(fresh):
-                for run in fresh:
-                    run.state = jax.block_until_ready(fill(run.state, arena, jnp.int32(run.seed)))
-        while (behind := min(run.done for run in runs)) < settings.rounds:
-            until = min([run.done for run in runs if run.done > behind], default=settings.rounds)
+                prepare = learner.preparation(fresh[0].state)
+            if prepare is not None:
+                with clock.training(fresh):
+                    for run in fresh:
+                        run.state = prepare(run.state, run.seed)
+        while (behind := min(run.done for run in runs)) < settings.n_rounds:
+            until = min([run.done for run in runs if run.done > behind], default=settings.n_rounds)
             group = [run for run in runs if run.done == behind]
             advance(group, until, stop)
             if group[0].done < until:
                 break
         for run in runs:
             run.save(run.state, fingerprint)
-    return [run.result(settings, clock.compile_s) for run in runs]
+    return [run.result(settings, learner, clock.compile_s) for run in runs]
 
 
 @dataclass
@@ -183,7 +178,7 @@ class _Run:
 
     seed: int
     state: Any
-    history: dict[str, np.ndarray]
+    history: History
     checkpoint: Path | None
     fresh: bool  # nothing was read from a checkpoint
     train_wall_s: float
@@ -197,27 +192,24 @@ class _Run:
             about = {"fingerprint": fingerprint, "seed": self.seed, "train_wall_s": self.train_wall_s}
             save_state(self.checkpoint, state, self.history, about)
 
-    def curve(self, settings: AlgorithmSettings) -> dict[str, np.ndarray]:
-        exploration = ALGORITHMS[settings.algorithm].exploration_at(settings, jnp.arange(self.done))
-        return self.history | {"exploration": np.asarray(exploration, np.float32)}
+    def curve(self, learner: Learner) -> History:
+        return self.history | {"exploration": learner.exploration_at(np.arange(self.done))}
 
-    def result(self, settings: AlgorithmSettings, compile_s: float) -> TrainingResult:
-        history = self.curve(settings)
-        finished = self.done >= settings.rounds
-        return TrainingResult(settings, self.seed, self.state, history, finished, self.train_wall_s, compile_s)
+    def result(self, settings: LearnerSettings, learner: Learner, compile_s: float) -> TrainingResult:
+        history, finished = self.curve(learner), self.done >= settings.n_rounds
+        return TrainingResult(settings, learner, self.seed, self.state, history, finished, self.train_wall_s, compile_s)
 
 
-def _open(settings: AlgorithmSettings, arena: Arena, seed: int, checkpoint: Path | None, fingerprint: str) -> _Run:
+def _open(learner: Learner, seed: int, checkpoint: Path | None, fingerprint: str) -> _Run:
     """A new training, or the one in the checkpoint."""
-    algorithm = ALGORITHMS[settings.algorithm]
-    state = algorithm.initial_state(settings, arena, seed)
-    empty = _columns(algorithm.empty_rows(0), 0)
+    state = learner.initial_state(seed)
+    empty = learner.no_history
     if checkpoint is None or not checkpoint.is_file():
         return _Run(seed, state, empty, checkpoint, True, 0.0)
     state, history, about = load_state(checkpoint, state, {"fingerprint": fingerprint, "seed": seed})
     if any(name not in history or history[name].shape != (int(state.rounds_done),) for name in empty):
         raise InputError(f"{checkpoint}: the learning curve in it is damaged; delete it to train from the start")
-    if not _finite(algorithm.learned(state)):
+    if not _finite(learner.learned(state)):
         raise InputError(f"{checkpoint}: the weights in it are NaN or infinite; delete it to train from the start")
     return _Run(seed, state, history, checkpoint, False, about["train_wall_s"])
 
@@ -275,25 +267,16 @@ def interruptible(noticed: Callable[[], None] = lambda: None) -> Iterator[thread
             signal.signal(number, handler)
 
 
-def _columns(rows: Any, n: int) -> dict[str, np.ndarray]:
-    """The first `n` rows of statistics by the names of their fields."""
-    return {field.name: np.asarray(getattr(rows, field.name))[:n] for field in fields(rows)}
-
-
-def _append(history: dict[str, np.ndarray], rows: Any, n: int) -> dict[str, np.ndarray]:
-    return {name: np.concatenate([history[name], column]) for name, column in _columns(rows, n).items()}
-
-
-def _progress(settings: AlgorithmSettings, runs: Sequence[_Run], n: int) -> TrainingProgress:
+def _progress(settings: LearnerSettings, learner: Learner, runs: Sequence[_Run], n: int) -> TrainingProgress:
     """Means over the runs, of the last `n` rounds of each."""
     done = sum(run.done for run in runs) // len(runs)
     means = lambda name: [mean_of_flights(run.history, name, slice(-n, None)) for run in runs if run.done]
     last = lambda name: float(np.mean([mean for mean in means(name) if not np.isnan(mean)] or [np.nan]))
     return TrainingProgress(
         done=done,
-        rounds=settings.rounds,
+        rounds=settings.n_rounds,
         return_mean=last("episode_return"),
         reached_share=last("reached"),
-        exploration=float(ALGORITHMS[settings.algorithm].exploration_at(settings, jnp.int32(done))),
-        histories=lambda: [run.curve(settings) for run in runs],
+        exploration=float(learner.exploration_at(np.array([done]))[0]),
+        histories=lambda: [run.curve(learner) for run in runs],
     )

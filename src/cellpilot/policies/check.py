@@ -7,7 +7,7 @@ import numpy as np
 
 from cellpilot.airspace import MOVE_SETS, Rule
 from cellpilot.errors import InputError
-from cellpilot.policies import pair_value
+from cellpilot.policies import pair_value, tables
 from cellpilot.task import Task
 
 MOST_CELLS = 10_000_000
@@ -24,14 +24,19 @@ def check_sides(sides: Any) -> Sides:
     return sides[0], sides[1], sides[2]
 
 
-def check_pair_task(about: Mapping[str, Any], sides: Sides) -> None:
-    """`ValueError` unless the description has a task and a look-ahead that the values over pairs can be computed with."""
-    task, look_ahead = about["task"], about["look_ahead"]
+def check_task(about: Mapping[str, Any]) -> None:
+    """`ValueError` unless the description has a task that values can be computed with."""
+    task = about["task"]
     if not all(isinstance(value, int | float) and np.isfinite(value) for value in task.values()):
         raise ValueError(f"task is {task!r:.80}; expected finite numbers")
     if unknown := task.keys() - Task().as_dict().keys():
         raise ValueError(f"task has {sorted(unknown)[0]!r:.40}, which is no number of a task")
     Task(**task)
+
+
+def check_look_ahead(about: Mapping[str, Any], sides: Sides) -> None:
+    """`ValueError` unless the description has a look-ahead that the grid allows."""
+    look_ahead = about["look_ahead"]
     most = 10 * sum(sides)
     if type(look_ahead) is not int or not 1 <= look_ahead <= most:
         raise ValueError(f"look_ahead is {look_ahead!r:.40}; expected a whole number from 1 to {most}")
@@ -47,12 +52,15 @@ def check_moves(about: Mapping[str, Any]) -> None:
 
 def check_tensors(tensors: Mapping[str, np.ndarray], architecture: str, sides: Sides, about: Mapping[str, Any]) -> None:
     """`InputError` naming the first tensor that is missing, not needed, of another type or shape, or not finite."""
+    n_cells, n_actions = sides[0] * sides[1] * sides[2], about.get("n_moves", 6 if sides[2] > 1 else 4)
     if architecture == pair_value.ARCHITECTURE:
         expected = _pair_shapes(tensors, sides)
+    elif architecture in tables.TENSORS:
+        expected = tables.table_shapes(architecture, n_cells, n_actions)
     else:
-        n_actions = about.get("n_moves", 6 if sides[2] > 1 else 4)
         expected = _layers({name: t for name, t in tensors.items() if name != "blocked"}, architecture, sides, n_actions)
-        expected |= {"blocked": (sides[0] * sides[1] * sides[2],)} if "rule" in about else {}
+    if "rule" in about:
+        expected |= {"blocked": (n_cells,)}
     for name in expected.keys() - tensors.keys():
         raise InputError(f"the tensor {name} is missing")
     sizes: dict[str, int] = {}

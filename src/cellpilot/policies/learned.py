@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from cellpilot.airspace import MOVE_SETS, Airspace, usual_moves
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid, IntArray
-from cellpilot.policies import pair_value
+from cellpilot.policies import pair_value, tables
 from cellpilot.policies.base import greedy_actions, one_hot
-from cellpilot.policies.check import check_moves, check_pair_task, check_sides, check_tensors
+from cellpilot.policies.check import check_look_ahead, check_moves, check_sides, check_task, check_tensors
 from cellpilot.storage import load_tensors, save_tensors
 from cellpilot.task import Task
 
@@ -23,6 +23,7 @@ TENSORS = {
     "two-stream": {"phi.layers.0.weight", "phi.layers.0.bias", "psi.layers.0.weight", "psi.layers.0.bias"},
     "dueling": {f"{part}.layers.0.{kind}" for part in ("trunk", "value", "advantage") for kind in ("weight", "bias")},
     pair_value.ARCHITECTURE: pair_value.TENSORS,
+    **tables.TENSORS,
 }
 """Architectures this file can fly, and the tensors that each has at least."""
 Array32 = NDArray[np.float32]
@@ -93,6 +94,8 @@ class PolicyParameters:
         if self.architecture == pair_value.ARCHITECTURE:
             task = Task(**self.about["task"])
             return pair_value.pair_action_values(self.tensors, airspace, task, goals, self.about["look_ahead"])
+        if self.architecture in tables.TENSORS:
+            return tables.table_values(self.architecture, self.tensors, airspace, goals, self.about)
         n_dimensions = grid.n_dimensions
         position = grid.position(np.arange(grid.n_cells))[:, :n_dimensions]
         coordinates = ((position + 1) / np.asarray(grid.sides[:n_dimensions])).astype(np.float32)
@@ -110,7 +113,7 @@ class PolicyParameters:
     @property
     def _width(self) -> int:
         """Numbers that the widest layer keeps for a pair."""
-        return max(tensor.shape[-1] for tensor in self.tensors.values() if tensor.ndim > 1)
+        return max((tensor.shape[-1] for tensor in self.tensors.values() if tensor.ndim > 1), default=1)
 
     def _perceptron(self, name: str, x: Array32) -> Array32:
         """Leaky-ReLU perceptron (section 3.2.1) over the last axis."""
@@ -169,7 +172,11 @@ def load_parameters(path: Path) -> PolicyParameters:
         architecture, about = header["architecture"], dict(header["about"])
         expected = TENSORS[architecture]
         if architecture == pair_value.ARCHITECTURE:
-            check_pair_task(about, sides)
+            check_task(about)
+            check_look_ahead(about, sides)
+        elif architecture == tables.BELIEVED_MAP:
+            check_task(about)
+            tables.check_belief(about)
         check_moves(about)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: the description of the policy is damaged ({error!r:.120}); {remedy}") from error

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
-from cellpilot.policies import pair_value
+from cellpilot.policies import pair_value, tables
 from cellpilot.policies.learned import FORMAT, PolicyParameters
 from cellpilot.provenance import versions
 from cellpilot.storage import write_atomically
@@ -39,7 +39,7 @@ def make_onnx(parameters: PolicyParameters) -> Any:
 
     graph = _Graph()
     position, goal = graph.value("position"), graph.value("goal")
-    airspace = parameters.airspace(Grid(*(tuple(map(float, range(n))) for n in parameters.sides)))  # metres do not matter
+    airspace = parameters.airspace(_grid(parameters))
     values = BUILDERS[parameters.architecture](graph, parameters, position, goal)
     if airspace.rule == "mask":
         offered = graph.op("Gather", np.where(airspace.offered, 0.0, -np.inf), _cell(graph, parameters, position))
@@ -259,11 +259,25 @@ def _bound(graph: _Graph, parameters: PolicyParameters, task: Task, cell: _Value
     return bound
 
 
+def _table(graph: _Graph, parameters: PolicyParameters, position: _Value, goal: _Value) -> _Value:
+    """The values of all cells and goals, computed here and looked up there."""
+    n_cells = int(np.prod(parameters.sides))
+    values = parameters.values(_grid(parameters), np.arange(n_cells, dtype=np.int32))
+    rows = np.maximum(values, np.finfo(np.float32).min).reshape(n_cells * n_cells, -1)
+    return graph.op("Gather", graph.constant(rows), _cell(graph, parameters, position) * n_cells + _cell(graph, parameters, goal))
+
+
+def _grid(parameters: PolicyParameters) -> Grid:
+    """A grid of the policy's sides; its metres do not matter."""
+    return Grid(*(tuple(map(float, range(n))) for n in parameters.sides))
+
+
 Builder = Callable[[_Graph, PolicyParameters, _Value, _Value], _Value]
 BUILDERS: dict[str, Builder] = {
     "concatenated": _concatenated,
     "two-stream": _two_stream,
     "dueling": _dueling,
     pair_value.ARCHITECTURE: _pair_value,
+    **dict.fromkeys(tables.TENSORS, _table),
 }
 """What computes the action values of each architecture, from graph, parameters, position and goal."""

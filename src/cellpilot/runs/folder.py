@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cellpilot.errors import InputError
-from cellpilot.experiment import check_learner, make_map, make_task, make_world, shipped_policy
+from cellpilot.experiment import make_map, make_task, make_world, shipped_policy
 from cellpilot.policies import OptimalPolicy, PolicyParameters, load_parameters
 from cellpilot.provenance import usable_cores, versions
 from cellpilot.runs.files import FACTS, MAP, MARKERS, NOT_A_RUN, SCENARIO, holds_run, is_occupied, read_facts, remove_run
@@ -18,6 +18,7 @@ from cellpilot.task import Task
 from cellpilot.world import World
 
 if TYPE_CHECKING:
+    from cellpilot.learn.learner import Place
     from cellpilot.maps import RadioMap
 
 
@@ -32,6 +33,13 @@ class Run:
     world: World
     task: Task
     shipped: PolicyParameters | None = None  # of a run that has no folder yet
+
+    @property
+    def place(self) -> "Place":
+        """Where and for what its learner flies."""
+        from cellpilot.learn.learner import Place
+
+        return Place(self.world, self.task, self.scenario.task.start, self.scenario.task.goal)
 
     @property
     def policy_file(self) -> Path:
@@ -63,7 +71,7 @@ def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force:
     occupied = is_occupied(folder, force)
     radio_map = make_map(scenario.map)
     run = _assemble(folder, scenario, seed, radio_map)
-    check_learner(scenario.learner, run.task, run.world.grid, n_seeds)
+    scenario.learner.check_fits(run.task, run.world.grid, n_seeds)
     # Refuses a task without an optimum.
     OptimalPolicy.undiscounted(run.world, run.task).actions(run.world.airspace.free_cells[:1])
     if occupied:

@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cellpilot.errors import InputError
-from cellpilot.experiment import fingerprint, make_learner
+from cellpilot.experiment import fingerprint
 from cellpilot.runs.folder import Run
 from cellpilot.runs.origin import map_digest
 from cellpilot.storage import save_netcdf
 
 if TYPE_CHECKING:
     from cellpilot.learn.trainer import TrainingProgress, TrainingResult
+
+EXPLORATIONS = {"temperature": "boltzmann", "epsilon": "epsilon-greedy"}
+"""Kind of exploration by the quantity that it has."""
 
 
 def train_run(run: Run, progress: "Callable[[TrainingProgress], None]" = lambda progress: None) -> "TrainingResult":
@@ -26,7 +29,6 @@ def train_runs(
     noticed: Callable[[], None] = lambda: None,
 ) -> "list[TrainingResult]":
     """`train_run` for runs that differ in their seed alone, all in one compiled program; `InputError` if they differ in more."""
-    from cellpilot.envs.arena import make_arena
     from cellpilot.learn.trainer import train_many
 
     first = runs[0]
@@ -38,9 +40,8 @@ def train_runs(
     if len(set(seeds)) < len(seeds):
         raise InputError(f"the runs have seeds {', '.join(map(str, seeds))}; expected a different one each")
     results = train_many(
-        make_learner(first.scenario.learner),
-        first.task,
-        make_arena(first.world, first.scenario.task.start, first.scenario.task.goal),
+        first.scenario.learner,
+        first.place,
         seeds,
         checkpoints=[run.folder / "state.safetensors" for run in runs],
         fingerprint=mark,
@@ -58,7 +59,7 @@ def _save_training(run: Run, result: "TrainingResult", mark: str) -> None:
 
     about = {"scenario": run.scenario.name, "seed": run.seed, "map": map_digest(run.radio_map)}
     about |= {"fingerprint": mark, "task": run.task.as_dict()}
-    parameters = result.policy_parameters(run.world.grid.sides, about).trained_in(run.world.airspace)
+    parameters = result.policy_parameters(about).trained_in(run.world.airspace)
     save_parameters(parameters, run.policy_file)
     _write_history(run, result)
     run.update_facts(
@@ -85,10 +86,10 @@ def _write_history(run: Run, result: "TrainingResult") -> None:
             name: (("episode",), column, {"units": "1", "long_name": texts.get(name, name)})
             for name, column in result.history.items()
         },
-        coords={"episode": np.arange(settings.rounds)},
+        coords={"episode": np.arange(settings.n_rounds)},
         attrs={
             "algorithm": settings.algorithm,
-            "exploration": "boltzmann" if settings.explores_by == "temperature" else "epsilon-greedy",
+            "exploration": EXPLORATIONS.get(settings.explores_by, settings.explores_by),
             "counts": settings.counts,
             "seed": run.seed,
         },

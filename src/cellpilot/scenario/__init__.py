@@ -3,32 +3,30 @@
 Every value of the thesis is a default here, with its table or section. Unknown keys are refused.
 """
 
-from cellpilot.scenario.learner import ALGORITHM_HELP, LEARNERS, AnyLearnerSettings, LearnerSettings, PairLearnerSettings
+from cellpilot.scenario.learner import LEARNERS, PUBLISHED, AnyLearner
 from cellpilot.scenario.maps import HEXAGONAL, LogSettings, MapFile, MapSettings, MeasuredMap, SimulatedMap
 from cellpilot.scenario.task import AirspaceSettings, EvaluationSettings, RewardSettings, TaskSettings
 from cellpilot.scenario.toml import SHIPPED, Scenario, describe, dump_scenario, find_scenario, load_scenario, one_name, validated
 from cellpilot.settings import Cell, Count, Finite, Floats, NonNegative, Pair, Paths, Positive, Settings
 
 __all__ = [
-    "ALGORITHM_HELP",
     "HEXAGONAL",
     "LEARNERS",
+    "PUBLISHED",
     "SHIPPED",
     "AirspaceSettings",
-    "AnyLearnerSettings",
+    "AnyLearner",
     "Cell",
     "Count",
     "EvaluationSettings",
     "Finite",
     "Floats",
-    "LearnerSettings",
     "LogSettings",
     "MapFile",
     "MapSettings",
     "MeasuredMap",
     "NonNegative",
     "Pair",
-    "PairLearnerSettings",
     "Paths",
     "Positive",
     "RewardSettings",

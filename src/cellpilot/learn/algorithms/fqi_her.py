@@ -32,12 +32,14 @@ from cellpilot.learn.algorithms.fqi_her_targets import (
     pair_values,
     targets,
 )
+from cellpilot.learn.compiled import CompiledAlgorithm
 from cellpilot.learn.exploration import boltzmann_noise, linear_schedule
 from cellpilot.learn.losses import huber
 from cellpilot.learn.pair_network import PairNetwork
 from cellpilot.learn.penalty import Measurements, measure, no_measurements, penalty_model
 from cellpilot.policies.learned import PolicyParameters
 from cellpilot.policies.pair_value import ARCHITECTURE
+from cellpilot.streams import Learning, learning_key
 from cellpilot.task import Task
 
 
@@ -93,7 +95,7 @@ def empty_rows(length: int) -> RoundStatistics:
 @partial(jax.jit, static_argnames="settings")
 def initial_state(settings: FQIHER, arena: Arena, seed: Int[Array, ""] | int) -> FittedState:
     """A fresh network, nothing measured, all flights at their starts."""
-    key_network, key_flights = jax.random.split(jax.random.fold_in(jax.random.key(seed), 0))
+    key_network, key_flights = jax.random.split(learning_key(seed, Learning.INITIAL_STATE))
     network = PairNetwork(arena.sides, settings.hidden_units, settings.networks, key_network)
     return FittedState(
         online=network,
@@ -240,31 +242,6 @@ def run_round(key: Array, settings: FQIHER, arena: Arena, task: Task, state: Fit
     return eqx.tree_at(lambda s: s.round, state, state.round + 1), statistics
 
 
-@partial(jax.jit, static_argnames=("settings", "task", "length"), donate_argnames="state")
-def train_chunk(
-    state: FittedState,
-    arena: Arena,
-    seed: Int[Array, ""],
-    n_rounds: Int[Array, ""],
-    *,
-    settings: FQIHER,
-    task: Task,
-    length: int,
-) -> tuple[FittedState, RoundStatistics]:
-    """`n_rounds <= length` more rounds; statistics `[length]`, real in the first `n_rounds`.
-
-    Randomness is a function of (seed, round) alone: how rounds are split into chunks changes nothing.
-    """
-    key = jax.random.fold_in(jax.random.key(seed), 2)
-
-    def body(i: Array, carry: tuple[FittedState, RoundStatistics]) -> tuple[FittedState, RoundStatistics]:
-        state, rows = carry
-        state, row = run_round(key, settings, arena, task, state)
-        return state, jax.tree.map(lambda all_rows, new: all_rows.at[i].set(new), rows, row)
-
-    return jax.lax.fori_loop(0, n_rounds, body, (state, empty_rows(length)))
-
-
 def exploration_at(settings: FQIHER, round_: Int[Array, "..."]) -> Float[Array, "..."]:
     """Temperature of a round: linear over the first `exploration_fraction` of all rounds."""
     share = round_ / settings.rounds
@@ -295,3 +272,8 @@ def _new_flights(key: Array, arena: Arena, n: int) -> Flights:
     if unknown is not None:
         error_db = unknown.draw(jax.random.normal(key_map, (n, arena.n_cells)))
     return Flights(start, goal, jnp.zeros(n, jnp.int32), jnp.zeros(n), error_db)
+
+
+ALGORITHM = CompiledAlgorithm(
+    initial_state, None, run_round, empty_rows, exploration_at, lambda state: state.average, learned_policy
+)

@@ -17,12 +17,14 @@ from jaxtyping import Array, Float, Int
 
 from cellpilot.envs.arena import Arena, make_arena
 from cellpilot.grid import Grid
-from cellpilot.learn.algorithms.fqi_her import FittedState, initial_state, learned_policy, optimize, renew_targets, train_chunk
+from cellpilot.learn.algorithms.fqi_her import ALGORITHM, FittedState, initial_state, learned_policy, optimize, renew_targets
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import receiver, start_and_goal
 from cellpilot.learn.compile import single_precision
+from cellpilot.learn.compiled import train_chunk
 from cellpilot.learn.penalty import Measurements, measure, penalty_model
 from cellpilot.policies import LearnedPolicy
+from cellpilot.streams import Flying, Learning, learning_key, stream
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -42,10 +44,11 @@ def train_beforehand(settings: FQIHER, world: World, task: Task, seed: int) -> F
 
     `train_chunk` is compiled once for all seeds that one process trains; the trainer compiles it anew each time.
     """
-    settings.check_fits(task)
+    settings.check_fits(task, world.grid)
     arena = make_arena(world)
-    state, rounds = initial_state(settings, arena, seed), settings.rounds
-    return train_chunk(state, arena, jnp.int32(seed), jnp.int32(rounds), settings=settings, task=task, length=rounds)[0]
+    state, n = initial_state(settings, arena, seed), settings.rounds
+    bound = {"algorithm": ALGORITHM, "settings": settings, "task": task, "length": n}
+    return train_chunk(state, arena, jnp.int32(seed), jnp.int32(n), **bound)[0]
 
 
 @single_precision
@@ -89,7 +92,7 @@ def learn_from_flight(
     penalty = penalty_model(memory, task.threshold_db)
 
     def fit(_: Array, state: FittedState) -> FittedState:
-        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), 3), state.round)
+        key = jax.random.fold_in(learning_key(seed, Learning.GOING_ON), state.round)
         key_targets, key_pairs = jax.random.split(key)
         cache = renew_targets(key_targets, settings, arena, task, state, penalty)
         state = optimize(key_pairs, settings, arena, task, eqx.tree_at(lambda s: s.cache, state, cache), penalty)
@@ -113,7 +116,7 @@ def learn_online(
     """
     online = OnlineSettings() if online is None else online
     arena = make_arena(world)
-    settings = replace(settings, learning_rate=online.learning_rate, final_learning_rate=online.learning_rate)
+    settings = settings.changed(learning_rate=online.learning_rate, final_learning_rate=online.learning_rate)
     state = eqx.tree_at(lambda s: s.memory, state, remembered(state.memory))
     flight = 0
     for checkpoint in checkpoints:
@@ -143,7 +146,7 @@ def argmax_policy(state: FittedState, settings: FQIHER, grid: Grid, task: Task) 
 
 def _fly(policy: LearnedPolicy, world: World, task: Task, seed: int, flight: int) -> tuple[np.ndarray, np.ndarray, int]:
     """Cells entered and SINR measured there, both padded to the cap, and the number of steps."""
-    rng = np.random.default_rng([seed, 3, flight])
+    rng = stream(seed, Flying.CHOICES, flight)
     here, goal = start_and_goal(world, seed, flight)
     measured = receiver(world, seed, flight)
     chances = policy.action_probabilities(np.array([goal]))[:, 0].astype(np.float64)

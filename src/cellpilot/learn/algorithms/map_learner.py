@@ -6,8 +6,7 @@ map, nor how strong the noise is: that is estimated with the rest. NumPy and Sci
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,53 +14,31 @@ from numpy.typing import NDArray
 from cellpilot.airspace import Airspace
 from cellpilot.errors import InputError
 from cellpilot.evaluate.instances import sample_pairs
-from cellpilot.grid import Grid
+from cellpilot.grid import Grid, Position
+from cellpilot.learn.algorithms.map_learner_settings import MapLearning
+from cellpilot.learn.learner import Place
 from cellpilot.maps.estimate.gaussian_process import GaussianProcess, Kernel, Measurements, combine, estimate_kernel
 from cellpilot.policies.base import greedy_actions
 from cellpilot.policies.optimal import OptimalPolicy
 from cellpilot.signal import Signal, Unknown
 from cellpilot.solve import optimal_values
-from cellpilot.task import Task
+from cellpilot.streams import Flying, stream
+from cellpilot.task import Task, Transition
 from cellpilot.world import World
 
 FloatArray = NDArray[np.float64]
-Exploration = Literal["optimism", "thompson"]
-EXPLORATIONS = ("optimism", "thompson")
+DEFAULT_KERNEL = Kernel()
+"""Before the first estimate, and the medians of its prior."""
 POLICY = "map-learner"
 """Name of the policy in tables and figures."""
 
 
 @dataclass(frozen=True)
-class MapLearnerSettings:
-    """How the map is explored, estimated and planned on."""
-
-    exploration: Exploration = "optimism"
-    optimism: float = 1.0  # standard deviations added to the mean while exploring
-    replan_every_steps: int = 1  # measurements between two plans of one flight; 0 = one plan per flight
-    estimate_after_flights: tuple[int, ...] = (3, 5, 10, 20, 40, 80)  # when the hyper-parameters are estimated anew
-    kernel: Kernel = field(default_factory=Kernel)  # before the first estimate, and the medians of its prior
-    prior_slope_std: float = 0.5  # how far from 1 the true multiple of a prior map's pattern may be
-    discount: float = 1.0  # of the plans; 1 = the undiscounted return, by which every policy is scored
-
-    def __post_init__(self) -> None:
-        if self.exploration not in EXPLORATIONS:
-            raise InputError(f"exploration is {self.exploration!r}; expected one of {', '.join(EXPLORATIONS)}")
-        if not np.isfinite(self.optimism) or self.optimism < 0:
-            raise InputError(f"optimism is {self.optimism:g}; expected 0 or more standard deviations")
-        if self.replan_every_steps < 0:
-            raise InputError(f"replan_every_steps is {self.replan_every_steps}; expected 0 (one plan per flight) or more")
-        if not np.isfinite(self.prior_slope_std) or self.prior_slope_std < 0:
-            raise InputError(f"prior_slope_std is {self.prior_slope_std:g}; expected 0 or more")
-        if not 0 < self.discount <= 1:
-            raise InputError(f"discount is {self.discount:g}; expected 0 < discount <= 1")
-
-
-@dataclass(frozen=True)
-class Flight:
+class MeasuredFlight:
     """One flight of the learner."""
 
-    cells: NDArray[np.int32]  # [steps] cells entered
-    sinr_db: FloatArray  # [steps] as measured there
+    transitions: Transition  # fields [steps]
+    goal: int
     reached: bool
 
 
@@ -77,44 +54,55 @@ class MapLearner:
         self,
         airspace: Airspace,
         task: Task,
-        settings: MapLearnerSettings,
+        settings: MapLearning,
         seed: int,
         prior_mean_db: FloatArray | None = None,
+        kernel: Kernel = DEFAULT_KERNEL,
     ) -> None:
         grid = airspace.grid
         self.airspace, self.grid, self.task, self.settings, self.seed = airspace, grid, task, settings, seed
+        self.first_kernel = kernel
         self.prior_mean_db = without_holes(grid, prior_mean_db, task.threshold_db)
         pattern_db = self.prior_mean_db - self.prior_mean_db.mean()
         self._trends_db = settings.prior_slope_std * pattern_db[:, None]
         points_m = grid.metres(np.arange(grid.n_cells))
-        self.posterior = GaussianProcess(settings.kernel, points_m, self.prior_mean_db, self._trends_db)
+        self.posterior = GaussianProcess(kernel, points_m, self.prior_mean_db, self._trends_db)
         self.measured_cells: list[int] = []
         self.measured_db: list[float] = []
         self.n_flights = 0
 
-    def fly(self, start: int, goal: int, measure: Callable[[int], float]) -> Flight:
+    def fly(self, start: int, goal: int, measure: Callable[[int], float]) -> MeasuredFlight:
         """Fly from cell to cell, `measure` SINR [dB] in each that is entered, and learn from it."""
-        rng = np.random.default_rng([self.seed, 3, self.n_flights])
-        first, here, pending, reached = len(self.measured_cells), start, 0, False
-        every = self.settings.replan_every_steps or self.task.max_steps
+        rng = stream(self.seed, Flying.CHOICES, self.n_flights)
+        here, pending, reached = start, 0, False
+        steps: list[tuple[int, int, int, float, int]] = []
         actions = self.plan(goal, rng)
         for _ in range(self.task.max_steps):
-            if pending == every:
+            if pending == self._measurements_per_plan:
                 self._learn(pending)
                 pending, actions = 0, self.plan(goal, rng)
-            action = actions[here]
-            here, event = int(self.airspace.next_cell[here, action]), self.airspace.event[here, action]
-            self.measured_cells.append(here)
-            self.measured_db.append(measure(here))
-            pending += 1
+            action = int(actions[here])
+            there, event = int(self.airspace.next_cell[here, action]), int(self.airspace.event[here, action])
+            steps.append((here, action, there, measure(there), event))
+            self.measured_cells.append(there)
+            self.measured_db.append(steps[-1][3])
+            here, pending = there, pending + 1
             reached, over = self.task.end(here, event, goal)
             if over:
                 break
         self._learn(pending)
-        self.n_flights += 1
-        if self.n_flights in self.settings.estimate_after_flights:
-            self.estimate()
-        return Flight(np.array(self.measured_cells[first:], np.int32), np.array(self.measured_db[first:]), bool(reached))
+        self._land()
+        return MeasuredFlight(Transition(*(np.array(column) for column in zip(*steps, strict=True))), goal, bool(reached))
+
+    def take_in(self, cells: NDArray[np.int32], sinr_db: FloatArray) -> None:
+        """Learn from a flight that another learner flew, in the portions in which it learned."""
+        every = self._measurements_per_plan
+        for i in range(0, len(cells), every):
+            portion = slice(i, i + every)
+            self.measured_cells += cells[portion].tolist()
+            self.measured_db += sinr_db[portion].tolist()
+            self._learn(len(cells[portion]))
+        self._land()
 
     def plan(self, goal: int, rng: np.random.Generator) -> NDArray[np.int8]:
         """Exploring actions `[n_cells]` towards one goal: the exact plan on an optimistic map, or on a drawn one."""
@@ -133,7 +121,7 @@ class MapLearner:
         count, mean_db, squares_db2 = combine(cells, values_db, self.grid.n_cells)
         at = np.flatnonzero(count)
         measurements = Measurements(self.posterior.points_m[at], count[at], mean_db[at], squares_db2[at])
-        kernel = estimate_kernel(measurements, self.prior_mean_db[at], self.settings.kernel, self._trends_db[at])
+        kernel = estimate_kernel(measurements, self.prior_mean_db[at], self.first_kernel, self._trends_db[at])
         self.posterior = GaussianProcess(kernel, self.posterior.points_m, self.prior_mean_db, self._trends_db)
         self.posterior.update_means(count, mean_db)
 
@@ -149,6 +137,15 @@ class MapLearner:
         """
         return OptimalPolicy(self.believed_world(), self.task, self.settings.discount, POLICY)
 
+    @property
+    def _measurements_per_plan(self) -> int:
+        return self.settings.replan_every_steps or self.task.max_steps
+
+    def _land(self) -> None:
+        self.n_flights += 1
+        if self.n_flights in self.settings.estimate_after_flights:
+            self.estimate()
+
     def _learn(self, n_latest: int) -> None:
         self.posterior.update(self.measured_cells[-n_latest:], self.measured_db[-n_latest:])
 
@@ -160,10 +157,11 @@ class MapLearner:
 def learn_map(
     world: World,
     task: Task,
-    settings: MapLearnerSettings,
+    settings: MapLearning,
     seed: int,
     checkpoints: Sequence[int],
     prior_mean_db: FloatArray | None = None,
+    kernel: Kernel = DEFAULT_KERNEL,
 ) -> Iterator[MapLearner]:
     """The learner after each number of flights of `checkpoints` (increasing) between random starts and goals in `world`.
 
@@ -176,13 +174,18 @@ def learn_map(
             "the true map needs SINR in every free cell, and sinr_std_db 0:"
             " fill its unknown cells (--fill-radius-m) or block them"
         )
-    learner = MapLearner(world.airspace, task, settings, seed, prior_mean_db)
+    learner = MapLearner(world.airspace, task, settings, seed, prior_mean_db, kernel)
     for checkpoint in checkpoints:
         while learner.n_flights < checkpoint:
-            flight = learner.n_flights
-            start, goal = start_and_goal(world, seed, flight)
-            learner.fly(start, goal, receiver(world, seed, flight))
+            fly_next(learner, Place(world, task))
         yield learner
+
+
+def fly_next(learner: MapLearner, place: Place, error_db: FloatArray | None = None) -> MeasuredFlight:
+    """The learner's next flight in the true world, whose map is off by `error_db [n_cells]`."""
+    world, seed, flight = place.world, learner.seed, learner.n_flights
+    start, goal = start_and_goal(world, seed, flight, place.start, place.goal)
+    return learner.fly(start, goal, receiver(world, seed, flight, error_db))
 
 
 def without_holes(grid: Grid, prior_mean_db: FloatArray | None, threshold_db: float) -> FloatArray:
@@ -196,13 +199,16 @@ def without_holes(grid: Grid, prior_mean_db: FloatArray | None, threshold_db: fl
     return by_height.ravel()
 
 
-def start_and_goal(world: World, seed: int, flight: int) -> tuple[int, int]:
-    """Cells between which a flight leads, drawn from all pairs that can reach each other."""
-    pair = sample_pairs(np.random.default_rng([seed, 1, flight]), world, 1)
+def start_and_goal(
+    world: World, seed: int, flight: int, start: Position | None = None, goal: Position | None = None
+) -> tuple[int, int]:
+    """Cells between which a flight leads, drawn from all pairs that can reach each other unless one is given."""
+    pair = sample_pairs(stream(seed, Flying.PAIR, flight), world, 1, start, goal)
     return int(pair.start[0]), int(pair.goal[0])
 
 
-def receiver(world: World, seed: int, flight: int) -> Callable[[int], float]:
+def receiver(world: World, seed: int, flight: int, error_db: FloatArray | None = None) -> Callable[[int], float]:
     """What measures SINR [dB] in a cell of the true world during one flight, noise included."""
-    rng = np.random.default_rng([seed, 2, flight])
-    return lambda cell: float(world.signal.measure(cell, noise=rng.standard_normal()))
+    rng = stream(seed, Flying.NOISE, flight)
+    error = lambda cell: None if error_db is None else error_db[cell]
+    return lambda cell: float(world.signal.measure(cell, error(cell), noise=rng.standard_normal()))

@@ -1,59 +1,39 @@
-"""The algorithms by name: a second learner is one file beside `ddqn_her.py` and one line here."""
+"""The learners by name: own ones, and those that installed packages offer. No JAX here."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from functools import cache
+from importlib.metadata import entry_points
 
-from jaxtyping import Array, Int
+from cellpilot.errors import InputError
+from cellpilot.learn.algorithms.base import LearnerSettings
+from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
+from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
+from cellpilot.learn.algorithms.map_learner_settings import MapLearning
 
-from cellpilot.learn.algorithms import ddqn_her, fqi_her
-
-
-@runtime_checkable
-class TrainState(Protocol):
-    """Everything that training changes: a pytree of arrays, of which the trainer reads two counters."""
-
-    env_steps: Int[Array, "..."]
-
-    @property
-    def rounds_done(self) -> Int[Array, "..."]:
-        """Episodes, or rounds, trained so far."""
-
-
-@dataclass(frozen=True)
-class Algorithm:
-    """Functions that the trainer calls; `settings` is the algorithm's `AlgorithmSettings`.
-
-    A round is whatever the algorithm repeats: an episode with its updates, or a step of many parallel flights with its
-    updates. Randomness is a function of (seed, round) alone, so that neither chunks nor interruptions change a result.
-    """
-
-    initial_state: Callable[..., Any]  # (settings, arena, seed: int) -> state
-    fill_replay: Any | None  # jitted (state, arena, seed, *, settings, task) -> state, before the first round
-    train_chunk: Any  # jitted (state, arena, seed, n, *, settings, task, length) -> (state, rows `[length]`), n <= length
-    empty_rows: Callable[[int], Any]  # length -> rows, a dataclass with at least episode_return and reached `[length]`
-    exploration_at: Callable[..., Array]  # (settings, round `[...]`) -> `[...]`
-    learned: Callable[[Any], Any]  # state -> the network that flies; training has diverged if it is not finite
-    policy_parameters: Callable[..., Any]  # (state, settings, sides, about) -> PolicyParameters
-
-
-ALGORITHMS = {
-    "ddqn-her": Algorithm(
-        initial_state=ddqn_her.initial_state,
-        fill_replay=ddqn_her.fill_replay,
-        train_chunk=ddqn_her.train_chunk,
-        empty_rows=ddqn_her.empty_rows,
-        exploration_at=ddqn_her.exploration_at,
-        learned=lambda state: state.online,
-        policy_parameters=ddqn_her.learned_policy,
-    ),
-    "fqi-her": Algorithm(
-        initial_state=fqi_her.initial_state,
-        fill_replay=None,
-        train_chunk=fqi_her.train_chunk,
-        empty_rows=fqi_her.empty_rows,
-        exploration_at=fqi_her.exploration_at,
-        learned=lambda state: state.average,
-        policy_parameters=fqi_her.learned_policy,
-    ),
+OWN: dict[str, type[LearnerSettings]] = {
+    "ddqn-her": DDQNHER,
+    "ddqn-her-variants": DDQNHERVariants,
+    "fqi-her": FQIHER,
+    "map-learner": MapLearning,
 }
+GROUP = "cellpilot.learners"
+"""Entry points of other packages: name of the algorithm -> its subclass of `LearnerSettings`."""
+
+
+@cache
+def learners() -> dict[str, type[LearnerSettings]]:
+    """Settings by the name of the algorithm.
+
+    `InputError` names an entry point that cannot be imported, is no `LearnerSettings`, or takes a name that is taken.
+    """
+    found = dict(OWN)
+    for point in entry_points(group=GROUP):
+        try:
+            settings = point.load()
+        except (ImportError, AttributeError) as error:
+            raise InputError(f"the learner {point.name} ({point.value}) cannot be imported ({error}): remove it") from error
+        if not (isinstance(settings, type) and issubclass(settings, LearnerSettings)):
+            raise InputError(f"the learner {point.name} ({point.value}) is no subclass of cellpilot.learn.LearnerSettings")
+        if point.name in found or settings.model_fields["algorithm"].default != point.name:
+            raise InputError(f"the learner {point.name} ({point.value}): its field algorithm has to be that name, and no other's")
+        found[point.name] = settings
+    return found
