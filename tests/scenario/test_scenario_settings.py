@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +27,7 @@ from cellpilot.scenario import (
     SimulatedMap,
     TaskSettings,
 )
+from cellpilot.signal import Unknown
 from cellpilot.world import World
 
 UNITS = {"_m": "[m]", "_db": "[dB]", "_dbm": "[dBm]", "_hz": "[Hz]", "_deg": "[deg]", "_wavelengths": "[wavelengths]"}
@@ -233,3 +234,13 @@ def test_every_setting_of_task_and_evaluation_changes_the_figures(
     changed = getattr(base, section).model_copy(update={name: value})
     assert metrics_of(base) == metrics_of(base)
     assert metrics_of(base) != metrics_of(base.model_copy(update={section: changed}))
+
+
+def test_how_the_errors_of_a_map_hang_together_changes_the_fingerprint_of_a_training() -> None:
+    world = World.from_map(make_map(SMALL))
+    grid, std_db = world.grid, np.full(world.grid.n_cells, 3.0, np.float32)
+    marks = set()
+    for correlation_m, common_std_db in ((0.0, 0.0), (50.0, 0.0), (50.0, 1.0), (50.0, 2.0)):
+        unknown = Unknown.of(grid, std_db, correlation_m, common_std_db)
+        marks.add(fingerprint(Scenario(), replace(world, signal=replace(world.signal, unknown=unknown))))
+    assert len(marks) == 4

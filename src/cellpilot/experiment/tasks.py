@@ -1,5 +1,6 @@
 """The task that a scenario sets on a grid, and what a training result depends on."""
 
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from cellpilot.grid import Grid
 from cellpilot.provenance import digest
 from cellpilot.scenario import AirspaceSettings, RewardSettings, Scenario
+from cellpilot.signal import Unknown
 from cellpilot.task import Task, default_max_steps
 from cellpilot.world import World
 
@@ -37,13 +39,18 @@ def fingerprint(scenario: Scenario, world: World) -> str:
     """Names everything a training result depends on besides the seed: map, task and learner."""
     text = "".join(part.model_dump_json() for part in (scenario.task, scenario.airspace, scenario.learner))
     signal, sides = world.signal, np.array(world.grid.sides)
-    factors = [] if signal.unknown is None else [signal.unknown.along_x, signal.unknown.along_y, signal.unknown.along_z]
     arrays = [
         signal.mean_db,
         signal.std_db,
-        *factors,
+        *([] if signal.unknown is None else _arrays(signal.unknown)),
         world.airspace.blocked.astype(np.uint8),
         sides,
         np.frombuffer(text.encode(), np.uint8),
     ]
     return digest(arrays)
+
+
+def _arrays(unknown: Unknown) -> list[np.ndarray]:
+    """Everything that decides how the errors of a map are drawn."""
+    parts = [getattr(unknown, field.name) for field in fields(unknown)]
+    return [np.asarray(a) for part in parts for a in (part if isinstance(part, tuple) else (part,)) if a is not None]
