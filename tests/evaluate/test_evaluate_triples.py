@@ -407,8 +407,9 @@ def test_the_plan_of_the_map_learner_is_the_best_for_maps_drawn_from_its_belief(
     learner = MapLearner(case.world.airspace, case.task, MapLearning(optimism=0.0, discount=0.9), 0)
     for flight in range(2):
         flown = learner.fly(case.start, case.goal, receiver(case.world, 0, flight))
-        assert flown.reached == (flown.cells[-1] == case.goal)
-        assert flown.reached or len(flown.cells) == STEPS or case.world.airspace.blocked[flown.cells[-1]]
+        entered = flown.transitions.next_cell
+        assert flown.reached == (entered[-1] == case.goal)
+        assert flown.reached or len(entered) == STEPS or case.world.airspace.blocked[entered[-1]]
     rng, belief, n = np.random.default_rng(0), learner.posterior, 10_000
     noise_db = belief.kernel.noise_std_db * rng.standard_normal((n, len(case.alive)))
     maps_db = np.stack([belief.sample(rng) for _ in range(n)])
