@@ -165,7 +165,7 @@ def interrupted(tmp_path: Path, place: Place) -> Path:
         (SMALL.changed(hidden_units=9), 3, "this"),
         (SMALL.changed(hidden_layers=1), 3, "this"),
         (SMALL.changed(replay_capacity=901), 3, "this"),
-        (SMALL.changed(architecture="two-stream"), 3, "this"),
+        (VARIANT.changed(architecture="two-stream"), 3, "this"),
     ],
 )
 def test_a_checkpoint_of_other_settings_is_refused(
