@@ -85,8 +85,8 @@ def _variant_curves(run: Run, arena: "Arena", name: str, n_seeds: int, progress:
     from cellpilot.learn.trainer import train_many
 
     double, hindsight = VARIANTS[name]
-    learner = run.scenario.learner.model_copy(update={"double": double, "hindsight": hindsight})
-    mark = fingerprint(run.scenario.model_copy(update={"learner": learner}), run.world)
+    learner = run.scenario.learner.changed(double=double, hindsight=hindsight)
+    mark = fingerprint(run.scenario.changed(learner=learner), run.world)
     folder = run.folder / "ablation"
     file = lambda seed: folder / f"{name}-{seed}-{mark}.npy"
     checkpoint = lambda seed: folder / f"{name}-{seed}.safetensors"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from cellpilot.errors import InputError
 from cellpilot.experiment import fingerprint, make_deployment, make_learner, make_map, make_task
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.base import AlgorithmSettings
@@ -248,3 +249,16 @@ def test_every_setting_of_task_and_evaluation_changes_the_figures(
     changed = getattr(base, section).model_copy(update={name: value})
     assert metrics_of(base) == metrics_of(base)
     assert metrics_of(base) != metrics_of(base.model_copy(update={section: changed}))
+
+
+def test_changed_is_a_checked_copy() -> None:
+    settings = SimulatedMap()
+    assert settings.changed(rings=2, load=0.5) == SimulatedMap(rings=2, load=0.5)
+    assert settings == SimulatedMap()
+    for changes, message in (
+        ({"rings": -1}, "^rings is -1: "),
+        ({"ringz": 1}, "^ringz is no setting; expected one of "),
+        ({"sites": Path("a.csv"), "rings": 3}, "^SimulatedMap: rings belongs to the hexagonal deployment"),
+    ):
+        with pytest.raises(InputError, match=message):
+            settings.changed(**changes)
