@@ -316,7 +316,7 @@ def _beside(settings: MapSettings, other: "RadioMap") -> "RadioMap":
             "bin_m": float(2 * half_m),
             "heights_m": tuple(float(z) for z in other["z"].values),
         }
-        return make_map(settings.model_copy(update=on_grid))
+        return make_map(settings.changed(**on_grid))
     return make_map(settings, anchor_of(other))
 
 

@@ -22,6 +22,7 @@ MOVED, BORDER, STOPPED, ENTERED, MASKED = range(5)
 cell, where the flight ends; not offered."""
 
 Rule = Literal["stay", "mask", "end"]
+USUAL_RULE: Rule = "stay"
 """What a forbidden move does: it stays in place, it is not offered, or it enters the blocked cell and the flight ends."""
 
 
@@ -96,11 +97,13 @@ class Airspace:
     grid: Grid
     reason: NDArray[np.uint8]  # [n_cells] 0 = free, else 1 + the index in `reasons`
     reasons: tuple[Reason, ...] = (MARKED,)
-    rule: Rule = "stay"
+    rule: Rule = USUAL_RULE
     moves: Moves = MOVE_SETS[4]
 
     @classmethod
-    def of_blocked(cls, grid: Grid, blocked: NDArray[np.bool_], rule: Rule = "stay", moves: Moves | None = None) -> "Airspace":
+    def of_blocked(
+        cls, grid: Grid, blocked: NDArray[np.bool_], rule: Rule = USUAL_RULE, moves: Moves | None = None
+    ) -> "Airspace":
         """The airspace of a mask `[n_cells]` of blocked cells, with the usual moves unless others are given."""
         return cls(grid, blocked.astype(np.uint8), rule=rule, moves=usual_moves(grid) if moves is None else moves)
 

@@ -8,13 +8,15 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-PACKAGES = ("cellpilot", "jax", "equinox", "optax", "numpy", "scipy", "xarray")
-"""Packages whose version can change a number."""
+from cellpilot import __version__
+
+PACKAGES = ("jax", "equinox", "optax", "numpy", "scipy", "xarray")
+"""Other packages whose version can change a number."""
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages behind the numbers; a package that is not installed is left out."""
-    found = {"python": platform.python_version()}
+    """Versions of Python, cellpilot and the packages behind the numbers; a package that is not installed is left out."""
+    found = {"python": platform.python_version(), "cellpilot": __version__}
     for name in PACKAGES:
         try:
             found[name] = version(name)

@@ -23,10 +23,14 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     def changed(self, **changes: Any) -> Self:
-        """A copy with other values, checked as if all had been written at once; `InputError` names the field that is wrong."""
+        """A copy with these fields changed, all fields checked together; `InputError` naming the field that is wrong."""
         try:
             return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            field = ".".join(str(key) for key in first["loc"]) or type(self).__name__
-            raise InputError(f"{field}: {first['msg'].removeprefix('Value error, ')}") from error
+            field = ".".join(map(str, first["loc"])) or type(self).__name__
+            if first["type"] == "extra_forbidden":
+                raise InputError(f"{field} is no setting; expected one of {', '.join(type(self).model_fields)}") from None
+            message = first["msg"].removeprefix("Value error, ")
+            found = "" if first["type"] == "value_error" else f" is {first['input']!r}"
+            raise InputError(f"{field}{found}: {message[0].lower()}{message[1:]}") from None

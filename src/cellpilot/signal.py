@@ -116,6 +116,10 @@ class Unknown:
         return normal if self.shared is None else normal + (normal @ self.shared.T) @ self.shared
 
 
+NO_NOISE_DB = 0.0
+"""Unless somebody asks for noise, a measurement is what the map says."""
+
+
 @dataclass(frozen=True)
 class Signal:
     """Mean SINR in every cell, what is unknown of it, and the noise of one measurement.
@@ -124,13 +128,13 @@ class Signal:
     """
 
     mean_db: Any  # [n_cells] float32; NaN where it is unknown, -inf where it counts as below any threshold
-    noise_std_db: Any = 0.0  # of a measurement, drawn at every step
+    noise_std_db: Any = NO_NOISE_DB  # of a measurement, drawn at every step
     unknown: Unknown | None = None
     serving_sector: NDArray[np.int32] | None = None  # [n_cells], -1 where unknown
     levels: SectorLevels | None = None  # where the map knows every sector
 
     @classmethod
-    def from_map(cls, radio_map: "Dataset", grid: Grid, noise_std_db: float = 0.0) -> "Signal":
+    def from_map(cls, radio_map: "Dataset", grid: Grid, noise_std_db: float = NO_NOISE_DB) -> "Signal":
         """The signal of a `RadioMap`; a free cell of unknown SINR (`unknown = "bad"`) counts as below any threshold."""
         from cellpilot.maps.sectors import sector_levels
 

@@ -83,7 +83,7 @@ def _variant_curves(run: Run, name: str, n_seeds: int, progress: Callable[[float
     double, hindsight = VARIANTS[name]
     published = run.scenario.learner.model_dump(exclude={"algorithm"})
     learner = DDQNHERVariants(**published | {"double": double, "hindsight": hindsight})
-    mark = fingerprint(run.scenario.model_copy(update={"learner": learner}), run.world)
+    mark = fingerprint(run.scenario.changed(learner=learner), run.world)
     folder = run.folder / "ablation"
     file = lambda seed: folder / f"{name}-{seed}-{mark}.npy"
     checkpoint = lambda seed: folder / f"{name}-{seed}.safetensors"

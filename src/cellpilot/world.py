@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cellpilot.airspace import MOVE_SETS, Airspace, Rule, usual_moves
+from cellpilot.airspace import MOVE_SETS, USUAL_RULE, Airspace, Rule, usual_moves
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
 from cellpilot.maps.reasons import reasons_of
-from cellpilot.signal import Signal, check_noise
+from cellpilot.signal import NO_NOISE_DB, Signal, check_noise
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -26,7 +26,7 @@ class World:
 
     @classmethod
     def from_map(
-        cls, radio_map: "Dataset", noise_std_db: float = 0.0, rule: Rule = "stay", n_moves: int | None = None
+        cls, radio_map: "Dataset", noise_std_db: float = NO_NOISE_DB, rule: Rule = USUAL_RULE, n_moves: int | None = None
     ) -> "World":
         """The world of a `RadioMap`; `n_moves` names a move set (None = 4 on one height, 6 on several)."""
         grid = Grid(*(tuple(float(v) for v in radio_map[axis].values) for axis in "xyz"))

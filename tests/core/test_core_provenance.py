@@ -1,8 +1,14 @@
+import ast
+import re
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cellpilot import __version__
 from cellpilot.provenance import digest, versions
 from cellpilot.units import THERMAL_NOISE_DBM_HZ, from_db, to_db
 
@@ -21,7 +27,26 @@ def test_digest_depends_on_values_shapes_types_and_order() -> None:
 def test_versions_name_what_computes() -> None:
     found = versions()
     assert found["numpy"] == np.__version__
-    assert {"python", "cellpilot", "jax", "scipy"} <= set(found)
+    assert {"python", "jax", "scipy"} <= set(found)
+    assert found["cellpilot"] == __version__
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_version_stands_in_one_place() -> None:
+    built = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert "version" not in built["project"]
+    assert built["project"]["dynamic"] == ["version"]
+    assert built["tool"]["hatch"]["version"]["path"] == "src/cellpilot/__init__.py"
+    assert re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE) == [__version__]
+    stated = [
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path in (ROOT / "src").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and node.value == __version__
+    ]
+    assert len(stated) == 1, stated
 
 
 @given(st.floats(-150.0, 150.0))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from cellpilot.errors import InputError
 from cellpilot.experiment import fingerprint, make_deployment, make_map, make_task
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
@@ -244,3 +245,16 @@ def test_how_the_errors_of_a_map_hang_together_changes_the_fingerprint_of_a_trai
         unknown = Unknown.of(grid, std_db, correlation_m, common_std_db)
         marks.add(fingerprint(Scenario(), replace(world, signal=replace(world.signal, unknown=unknown))))
     assert len(marks) == 4
+
+
+def test_changed_is_a_checked_copy() -> None:
+    settings = SimulatedMap()
+    assert settings.changed(rings=2, load=0.5) == SimulatedMap(rings=2, load=0.5)
+    assert settings == SimulatedMap()
+    for changes, message in (
+        ({"rings": -1}, "^rings is -1: "),
+        ({"ringz": 1}, "^ringz is no setting; expected one of "),
+        ({"sites": Path("a.csv"), "rings": 3}, "^SimulatedMap: rings belongs to the hexagonal deployment"),
+    ):
+        with pytest.raises(InputError, match=message):
+            settings.changed(**changes)

@@ -17,6 +17,7 @@ from cellpilot.errors import InputError
 from cellpilot.experiment import make_task, threshold_warning
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.maps import grid_of, save_map
+from cellpilot.maps.settings import LOGS
 from cellpilot.provenance import versions
 from cellpilot.scenario import RewardSettings, Scenario, Settings
 from cellpilot.storage import hold, save_netcdf
@@ -37,7 +38,7 @@ class AdaptOptions(Settings):
     flights: int = Field(100, ge=1, le=10_000, description="flights on the unknown network")
     seeds: int = Field(20, ge=1, description="seeds 0..N-1 of each arm")
     arms: tuple[str, ...] = Field(tuple(ARMS), description="what is compared", strict=False)
-    bin_m: float = Field(40.0, gt=0, allow_inf_nan=False, description="side of a cell of measured logs [m]")
+    bin_m: float = Field(LOGS.bin_m, gt=0, allow_inf_nan=False, description="side of a cell of measured logs [m]")
     calibrate: str | None = Field(None, description="map or log of the same network known beforehand: gives A its mean level")
     deep_rounds: int = Field(FQIHER().rounds, ge=1, description="rounds of FQI-HER on A; many cells or few good ones need more")
     out: Path | None = Field(None, description="folder of the results; default runs/adapt-A-B; it goes on there", strict=False)

@@ -36,12 +36,14 @@ from cellpilot.storage import resolved
 
 Options = TypeVar("Options", bound=BaseModel)
 HELP = ("-h", "--help")
+THESIS = "thesis-2d"
+"""The scenario where none is named."""
 
 
 class ScenarioOptions(Settings):
     """What every command on a scenario takes: the scenario, and every setting as a flag."""
 
-    scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
+    scenario: tyro.conf.Positional[str] = Field(THESIS, description="TOML file or name of a shipped scenario")
     map: MapSettings = SimulatedMap()
     task: TaskSettings = TaskSettings()
     airspace: AirspaceSettings = AirspaceSettings()

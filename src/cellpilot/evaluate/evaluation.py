@@ -20,6 +20,9 @@ from cellpilot.streams import Evaluating, stream
 from cellpilot.task import Task
 from cellpilot.world import World
 
+N_SAMPLED = 10_000
+"""Flights of a policy that are drawn (section 4.4)."""
+
 MAX_EXHAUSTIVE_PAIRS = 5_000_000
 GOALS_TIMES_CELLS = 9_000_000
 """On more cells than `solve.LARGE_CELLS`, sampled flights lead to fewer goals: 100 on 300 x 300 cells, 10 on 1,000 x 1,000."""
@@ -48,7 +51,7 @@ def evaluate(
     policies: Sequence[Policy],
     *,
     seed: int,
-    n_sampled: int = 10_000,
+    n_sampled: int = N_SAMPLED,
     start: Position | None = None,
     goal: Position | None = None,
     max_exhaustive_pairs: int = MAX_EXHAUSTIVE_PAIRS,

@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from cellpilot.evaluate.statistics import weighted_quantile
 from cellpilot.grid import IntArray
+from cellpilot.settings import NonNegative, Positive, Settings
 from cellpilot.signal import UNHEARD_DBM
 from cellpilot.world import World
 
@@ -26,14 +28,17 @@ AHEAD_DB = 1e-9
 """Two sectors that cross are equally strong but for rounding: neither is ahead."""
 
 
-@dataclass(frozen=True)
-class HandoverRule:
-    """How fast the drone flies and when it changes its serving sector."""
+class HandoverRule(Settings):
+    """How fast the drone flies and when it changes its serving sector (event A3, 3GPP TS 36.331 clause 5.5.4.4)."""
 
-    speed_mps: float = 10.0
-    hysteresis_db: float = 3.0
-    time_to_trigger_s: float = 0.256
-    ping_pong_s: float = 1.0  # a handover back within this time of the last one is a ping-pong
+    speed_mps: Positive = Field(10.0, description="planned speed, for outages in seconds and handovers [m/s]")
+    hysteresis_db: NonNegative = Field(3.0, description="handover margin: how much stronger the neighbor must be [dB] (A3)")
+    time_to_trigger_s: NonNegative = Field(
+        0.256, description="time for which the neighbor must stay stronger before a handover (A3 time-to-trigger) [s]"
+    )
+    ping_pong_s: NonNegative = Field(
+        1.0, description="a handover back within this time of the last one is a ping-pong [s] (TR 36.839 clause 5.6)"
+    )
 
 
 @dataclass(frozen=True)

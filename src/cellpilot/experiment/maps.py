@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.errors import InputError
+from cellpilot.radio.settings import HexagonalSettings
 from cellpilot.scenario import LogSettings, MapFile, MapSettings, MeasuredMap, SimulatedMap
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ def layout_warning(deployment: "Deployment", settings: SimulatedMap, tolerated_d
 
     @cache
     def sinr_db(rings: int) -> NDArray[np.float64]:
-        layout = deployment if rings == settings.rings else make_deployment(settings.model_copy(update={"rings": rings}))
+        layout = deployment if rings == settings.rings else make_deployment(settings.changed(rings=rings))
         return simulate(layout, *place, settings.environment, "soft").sinr_db
 
     def excess_db(rings: int) -> NDArray[np.float64]:
@@ -230,26 +231,9 @@ def make_sites(settings: SimulatedMap) -> "SiteList":
     return SiteList(make_deployment(settings), None, anchor)
 
 
-def make_deployment(settings: SimulatedMap) -> "Deployment":
+def make_deployment(settings: HexagonalSettings) -> "Deployment":
     """The hexagonal deployment of a simulated map."""
     from cellpilot.radio import ColumnAntenna, hexagonal_deployment
 
-    antenna = ColumnAntenna(
-        settings.antenna_elements,
-        settings.antenna_spacing_wavelengths,
-        settings.electrical_tilt_deg,
-        settings.mechanical_tilt_deg,
-        settings.array_factor_floor_db,
-    )
-    return hexagonal_deployment(
-        rings=settings.rings,
-        inter_site_distance_m=settings.inter_site_distance_m,
-        boresights_deg=settings.boresights_deg,
-        base_height_m=settings.base_height_m,
-        power_dbm=settings.power_dbm,
-        carrier_hz=settings.carrier_hz,
-        bandwidth_hz=settings.bandwidth_hz,
-        noise_figure_db=settings.noise_figure_db,
-        load=settings.load,
-        antenna=antenna,
-    )
+    layout = {name: getattr(settings, name) for name in HexagonalSettings.__annotations__}
+    return hexagonal_deployment(**layout, antenna=ColumnAntenna.of(settings))

@@ -18,16 +18,8 @@ if TYPE_CHECKING:
 
 def make_task(settings: RewardSettings, grid: Grid) -> Task:
     """The task on a grid; the cap on steps follows from its sides unless it is given."""
-    return Task(
-        rho_goal=settings.rho_goal,
-        rho_sinr=settings.rho_sinr,
-        rho_step=settings.rho_step,
-        rho_blocked=settings.rho_blocked,
-        rho_end=settings.rho_end,
-        threshold_db=settings.threshold_db,
-        discount=settings.discount,
-        max_steps=default_max_steps(grid) if settings.max_steps is None else settings.max_steps,
-    )
+    rewards = {name: getattr(settings, name) for name in Task().as_dict() if name != "max_steps"}
+    return Task(**rewards, max_steps=default_max_steps(grid) if settings.max_steps is None else settings.max_steps)
 
 
 def make_world(radio_map: "RadioMap", noise_std_db: float, settings: AirspaceSettings) -> World:

@@ -1,7 +1,8 @@
 """Radio maps: their schema, files, gridding, estimates and sources. Names are loaded when they are first used."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from cellpilot.lazy import loader
 
 if TYPE_CHECKING:
     from cellpilot.maps.account import ImportAccount, LevelAccount, LogAccount, account_of
@@ -48,7 +49,7 @@ __all__ = [
 ]
 
 # Importing xarray takes most of the half second the command line may need to show its help.
-_HOME = {
+_HOMES = {
     "account": ("ImportAccount", "LevelAccount", "LogAccount", "account_of"),
     "estimate.fill": ("fill",),
     "files": ("load_map", "save_map"),
@@ -62,10 +63,4 @@ _HOME = {
     "sources.simulated": ("simulate_map",),
     "sources.sites": ("SiteList", "read_sites", "write_sites"),
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+__getattr__ = loader(__name__, _HOMES)

@@ -41,6 +41,7 @@ from cellpilot.maps.reasons import (
     reasons_of_mask,
     reasons_text,
 )
+from cellpilot.maps.settings import LOGS
 from cellpilot.provenance import versions
 
 RadioMap: TypeAlias = xr.Dataset
@@ -67,7 +68,7 @@ def make_map(
     optional: Mapping[str, ArrayLike] | None = None,
     sectors: Mapping[str, ArrayLike] | None = None,
     anchor: Anchor | None = None,
-    unknown: str = "blocked",
+    unknown: str = LOGS.unknown,
     model: str = "",
     licence: str = "",
     seed: int | None = None,
@@ -208,7 +209,7 @@ def _check_attributes(attributes: Mapping[str, Any], where: str) -> None:
         raise InputError(
             f"{where} has schema_version {version}; this cellpilot reads 1 and {SCHEMA_VERSION}: install the one that wrote it"
         )
-    unknown = attributes.get("unknown", "blocked")
+    unknown = attributes.get("unknown", LOGS.unknown)
     if unknown not in UNKNOWN:
         raise InputError(f"{where} has the attribute unknown = {unknown!r}; expected one of {', '.join(UNKNOWN)}")
     for name in ("sinr_correlation_m", "sinr_common_std_db"):

@@ -5,8 +5,9 @@ from cellpilot.radio.antenna_file import AntennaFile, read_antenna, write_antenn
 from cellpilot.radio.antenna_pattern import PatternAntenna
 from cellpilot.radio.deployment import Deployment, hexagonal_deployment
 from cellpilot.radio.interference import RESOURCE_BLOCKS, Interference
-from cellpilot.radio.propagation import ENVIRONMENTS, EnvironmentName, los_probability, path_loss_db, shadow_std_db
-from cellpilot.radio.simulation import LosMode, Reception, received_power_dbm, simulate
+from cellpilot.radio.propagation import ENVIRONMENTS, los_probability, path_loss_db, shadow_std_db
+from cellpilot.radio.settings import ColumnSettings, EnvironmentName, HexagonalSettings, LosMode, PropagationSettings
+from cellpilot.radio.simulation import Reception, received_power_dbm, simulate
 
 __all__ = [
     "ENVIRONMENTS",
@@ -14,11 +15,14 @@ __all__ = [
     "Antenna",
     "AntennaFile",
     "ColumnAntenna",
+    "ColumnSettings",
     "Deployment",
     "EnvironmentName",
+    "HexagonalSettings",
     "Interference",
     "LosMode",
     "PatternAntenna",
+    "PropagationSettings",
     "Reception",
     "element_gain_dbi",
     "hexagonal_deployment",

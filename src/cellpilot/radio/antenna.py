@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from cellpilot.errors import InputError
 from cellpilot.radio import fast
 from cellpilot.radio.ranges import FloatArray, as_floats, check_range
+from cellpilot.radio.settings import COLUMN, ColumnSettings
 from cellpilot.units import to_db
 
 ELEMENT_PEAK_DBI = 8.0
@@ -53,10 +54,21 @@ class ColumnAntenna:
     """Distance between neighbouring elements [wavelengths], above 0."""
     electrical_tilt_deg: float
     """Tilt of the array factor below the panel's own horizon [deg, -90..90]."""
-    mechanical_tilt_deg: float = 0.0
+    mechanical_tilt_deg: float = COLUMN.mechanical_tilt_deg
     """Tilt of the panel below the horizon [deg, -90..90]."""
-    array_factor_floor_db: float = -40.0
+    array_factor_floor_db: float = COLUMN.array_factor_floor_db
     """Depth at which nulls are filled [dB relative to one element]."""
+
+    @classmethod
+    def of(cls, settings: ColumnSettings) -> "ColumnAntenna":
+        """The column of the settings."""
+        return cls(
+            settings.antenna_elements,
+            settings.antenna_spacing_wavelengths,
+            settings.electrical_tilt_deg,
+            settings.mechanical_tilt_deg,
+            settings.array_factor_floor_db,
+        )
 
     def __post_init__(self) -> None:
         if not isinstance(self.n_vertical, int | np.integer) or self.n_vertical < 1:

@@ -13,6 +13,7 @@ import numpy as np
 from cellpilot.errors import InputError
 from cellpilot.radio.antenna_pattern import PatternAntenna
 from cellpilot.radio.ranges import FloatArray
+from cellpilot.radio.settings import COLUMN
 from cellpilot.storage import write_atomically
 
 DBD_DBI = 2.15
@@ -38,7 +39,9 @@ class AntennaFile:
     horizontal_db: FloatArray
     vertical_db: FloatArray
 
-    def antenna(self, electrical_tilt_deg: float | None = None, mechanical_tilt_deg: float = 0.0) -> PatternAntenna:
+    def antenna(
+        self, electrical_tilt_deg: float | None = None, mechanical_tilt_deg: float = COLUMN.mechanical_tilt_deg
+    ) -> PatternAntenna:
         """The antenna as measured, or with its vertical cut shifted from the file's electrical tilt to another one."""
         shift_deg = 0.0 if electrical_tilt_deg is None else electrical_tilt_deg - self.electrical_tilt_deg
         name = _first(self.header, "NAME")

@@ -9,6 +9,7 @@ from cellpilot.errors import InputError
 from cellpilot.radio import fast
 from cellpilot.radio.antenna import to_panel
 from cellpilot.radio.ranges import FloatArray, as_floats, check_range
+from cellpilot.radio.settings import COLUMN
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,7 @@ class PatternAntenna:
     """Attenuation `[360]` [dB] at 0, 1, ... 359 degrees below the horizon: 90 is straight down, 270 straight up."""
     electrical_tilt_deg: float = 0.0
     """Further electrical downtilt [deg, -90..90]."""
-    mechanical_tilt_deg: float = 0.0
+    mechanical_tilt_deg: float = COLUMN.mechanical_tilt_deg
     """Tilt of the panel below the horizon [deg, -90..90]."""
     name: str = ""
 

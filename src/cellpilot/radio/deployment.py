@@ -14,6 +14,7 @@ from cellpilot.radio.antenna import Antenna, ColumnAntenna
 from cellpilot.radio.interference import Interference, check_bandwidths
 from cellpilot.radio.propagation import check_carrier, check_heights
 from cellpilot.radio.ranges import FloatArray, as_floats, check_range
+from cellpilot.radio.settings import HEXAGONAL
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,16 +104,16 @@ class Deployment:
 
 
 def hexagonal_deployment(
-    rings: int = 1,
-    inter_site_distance_m: float = 500.0,
-    boresights_deg: Sequence[float] = (30, 150, 270),
-    base_height_m: float = 25.0,
-    power_dbm: ArrayLike = 48.0,
-    carrier_hz: ArrayLike = 2e9,
-    bandwidth_hz: ArrayLike = 10e6,
-    noise_figure_db: float = 9.0,
-    load: ArrayLike = 1.0,
-    antenna: Antenna | Sequence[Antenna] = ColumnAntenna(10, 0.8, 7.0),  # noqa: B008 (frozen)
+    rings: int = HEXAGONAL.rings,
+    inter_site_distance_m: float = HEXAGONAL.inter_site_distance_m,
+    boresights_deg: Sequence[float] = HEXAGONAL.boresights_deg,
+    base_height_m: float = HEXAGONAL.base_height_m,
+    power_dbm: ArrayLike = HEXAGONAL.power_dbm,
+    carrier_hz: ArrayLike = HEXAGONAL.carrier_hz,
+    bandwidth_hz: ArrayLike = HEXAGONAL.bandwidth_hz,
+    noise_figure_db: float = HEXAGONAL.noise_figure_db,
+    load: ArrayLike = HEXAGONAL.load,
+    antenna: Antenna | Sequence[Antenna] = ColumnAntenna.of(HEXAGONAL),  # noqa: B008 (frozen)
 ) -> Deployment:
     """Sites on a hexagonal lattice around the origin: 1 + 3 rings (rings + 1) sites; the defaults give 7 sites, 21 sectors.
 

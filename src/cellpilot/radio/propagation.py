@@ -4,7 +4,6 @@ A new model is one file that builds an `Environment`, and one line in `ENVIRONME
 """
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +15,6 @@ from cellpilot.radio.ranges import FloatArray, check_range
 from cellpilot.radio.rma_av import RMA_AV
 from cellpilot.radio.uma_av import UMA_AV
 from cellpilot.radio.umi_av import UMI_AV
-
-EnvironmentName = Literal["RMa-AV", "UMa-AV", "UMi-AV"]
 
 ENVIRONMENTS: dict[str, Environment] = {
     "RMa-AV": RMA_AV,

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +16,11 @@ from cellpilot.radio.deployment import Deployment
 from cellpilot.radio.environment import Environment
 from cellpilot.radio.propagation import check_heights, environment_named, link_to
 from cellpilot.radio.ranges import FloatArray, check_range
+from cellpilot.radio.settings import PROPAGATION, LosMode
 from cellpilot.radio.shadowing import SITE_CORRELATION, Shadowing, draw_shadowing
 from cellpilot.units import from_db, to_db
 
 IndexArray = NDArray[np.int64]
-LosMode = Literal["soft", "sampled", "los", "nlos"]
 
 CHUNK_LINKS = 2**15
 """Links (mast x place) computed at once: arrays of 256 kB stay in the cache."""
@@ -47,8 +47,8 @@ def simulate(
     x_m: ArrayLike,
     y_m: ArrayLike,
     z_m: ArrayLike,
-    environment: str = "UMa-AV",
-    los: LosMode = "soft",
+    environment: str = PROPAGATION.environment,
+    los: LosMode = PROPAGATION.los,
     shadowing_seed: int | None = None,
     site_correlation: float = SITE_CORRELATION,
     every_sector: bool = False,
@@ -87,8 +87,8 @@ def received_power_dbm(
     x_m: ArrayLike,
     y_m: ArrayLike,
     z_m: ArrayLike,
-    environment: str = "UMa-AV",
-    los: LosMode = "soft",
+    environment: str = PROPAGATION.environment,
+    los: LosMode = PROPAGATION.los,
     shadowing_seed: int | None = None,
     site_correlation: float = SITE_CORRELATION,
 ) -> FloatArray:

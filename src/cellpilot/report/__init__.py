@@ -1,7 +1,8 @@
 """Reports: the figures, the tables and the self-contained page of one run."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from cellpilot.lazy import loader
 
 if TYPE_CHECKING:
     from cellpilot.report.report import write_report
@@ -10,10 +11,4 @@ if TYPE_CHECKING:
 __all__ = ["text_table", "write_report"]
 
 # Matplotlib is slow to import, and the command line shows its help without it.
-_MODULE_OF = {"text_table": "tables", "write_report": "report"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+__getattr__ = loader(__name__, {"report": ("write_report",), "tables": ("text_table",)})

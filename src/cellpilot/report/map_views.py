@@ -48,6 +48,7 @@ from cellpilot.report.style import (
     legend_below,
     single_axes,
 )
+from cellpilot.signal import NO_NOISE_DB
 from cellpilot.text import visible
 from cellpilot.world import World
 
@@ -77,7 +78,7 @@ def heights_left_out(radio_map: RadioMap) -> str:
     return f" ({len(shown)} of {len(heights_m)} heights: {', '.join(f'{heights_m[iz]:g}' for iz in shown)} m)"
 
 
-def draw_map(radio_map: RadioMap, what: str, threshold_db: float, noise_std_db: float = 0.0) -> Figure:
+def draw_map(radio_map: RadioMap, what: str, threshold_db: float, noise_std_db: float = NO_NOISE_DB) -> Figure:
     """The picture of one quantity of a map; `InputError` for one that the map does not have. Save it with `save_figure`."""
     _check_known(radio_map)
     if what == "sinr":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cellpilot.evaluate import Evaluation, HandoverRule, evaluate
+from cellpilot.evaluate import Evaluation, evaluate
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.experiment import make_policies, make_world
 from cellpilot.policies import PolicyParameters
@@ -40,7 +40,7 @@ def evaluate_run(
         start=task.start,
         goal=task.goal,
         max_exhaustive_pairs=settings.max_exhaustive_pairs,
-        rule=HandoverRule(settings.speed_mps, settings.hysteresis_db, settings.time_to_trigger_s),
+        rule=settings,
         progress=progress,
     )
     return replace(evaluation, made_from=_made_from(run, parameters))

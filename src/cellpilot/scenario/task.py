@@ -4,23 +4,27 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from cellpilot.airspace import Rule
-from cellpilot.settings import Cell, Finite, NonNegative, Positive, Settings
+from cellpilot.airspace import USUAL_RULE, Rule
+from cellpilot.evaluate.evaluation import MAX_EXHAUSTIVE_PAIRS, N_SAMPLED
+from cellpilot.evaluate.mobility import HandoverRule
+from cellpilot.settings import Cell, Finite, NonNegative, Settings
+from cellpilot.signal import NO_NOISE_DB
+from cellpilot.task import Task
 
 
 class RewardSettings(Settings):
     """What a flight earns and when it ends (section 4.2.2)."""
 
-    rho_goal: Finite = Field(10.0, description="reward for reaching the goal (Table 4.2)")
-    rho_sinr: Finite = Field(-1.0, description="reward of a step below the threshold (Table 4.2)")
-    rho_step: Finite = Field(-0.1, description="reward of every step (Table 4.2)")
-    rho_blocked: Finite = Field(0.0, description="reward of a move that a blocked cell stops")
-    rho_end: Finite = Field(-100.0, description="reward of a flight that ends in a blocked cell (rule end; section 7.2)")
-    threshold_db: Finite = Field(3.0, description="SINR threshold [dB] (section 4.4.2)")
+    rho_goal: Finite = Field(Task.rho_goal, description="reward for reaching the goal (Table 4.2)")
+    rho_sinr: Finite = Field(Task.rho_sinr, description="reward of a step below the threshold (Table 4.2)")
+    rho_step: Finite = Field(Task.rho_step, description="reward of every step (Table 4.2)")
+    rho_blocked: Finite = Field(Task.rho_blocked, description="reward of a move that a blocked cell stops")
+    rho_end: Finite = Field(Task.rho_end, description="reward of a flight that ends in a blocked cell (rule end; section 7.2)")
+    threshold_db: Finite = Field(Task.threshold_db, description="SINR threshold [dB] (section 4.4.2)")
     noise_std_db: NonNegative = Field(
-        0.0, description="standard deviation of the noise drawn at every step [dB] (section 5.2: 2)"
+        NO_NOISE_DB, description="standard deviation of the noise drawn at every step [dB] (section 5.2: 2)"
     )
-    discount: float = Field(0.995, gt=0, le=1, description="discount factor (Table 4.3)")
+    discount: float = Field(Task.discount, gt=0, le=1, description="discount factor (Table 4.3)")
     max_steps: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
         None, description="cap on steps; None = ten times the sum of the sides (section 4.2.2: 400, 450)"
     )
@@ -33,7 +37,8 @@ class AirspaceSettings(Settings):
         None, description="move set: 4 or 6 along the axes, 8 or 26 with diagonals; None = 4 on one height, 6 on several"
     )
     rule: Rule = Field(
-        "stay", description="a move into a blocked cell stays in place, is not offered (mask), or ends the flight (section 7.2)"
+        USUAL_RULE,
+        description="a move into a blocked cell stays in place, is not offered (mask), or ends the flight (section 7.2)",
     )
 
 
@@ -44,15 +49,14 @@ class TaskSettings(RewardSettings):
     goal: Cell | None = Field(None, description="fixed goal IX IY IZ; None = drawn uniformly")
 
 
-class EvaluationSettings(Settings):
+class EvaluationSettings(HandoverRule):
     """How policies are compared (section 4.4)."""
 
-    n_sampled: Annotated[int, Field(ge=1, le=10_000_000)] = Field(10_000, description="sampled flights (section 4.4)")
+    n_sampled: Annotated[int, Field(ge=1, le=10_000_000)] = Field(N_SAMPLED, description="sampled flights (section 4.4)")
     seed: int = Field(0, ge=0, lt=2**63, description="seed of instances and noise")
     boltzmann_temperature: Annotated[float, Field(gt=0, le=1e6)] = Field(
         0.1, description="temperature of the stochastic learned policy"
     )
-    max_exhaustive_pairs: Annotated[int, Field(ge=0)] = Field(5_000_000, description="fly all pairs exactly below this number")
-    speed_mps: Positive = Field(10.0, description="planned speed, for outages in seconds and handovers [m/s]")
-    hysteresis_db: NonNegative = Field(3.0, description="a handover needs a sector stronger by this [dB] (event A3)")
-    time_to_trigger_s: NonNegative = Field(0.256, description="... for so long [s] (event A3)")
+    max_exhaustive_pairs: Annotated[int, Field(ge=0)] = Field(
+        MAX_EXHAUSTIVE_PAIRS, description="fly all pairs exactly below this number"
+    )

@@ -9,6 +9,7 @@ from pydantic import Field
 from cellpilot.cli.console import out
 from cellpilot.cli.options import parse
 from cellpilot.radio import read_antenna
+from cellpilot.radio.settings import COLUMN
 from cellpilot.scenario import Finite, Settings
 
 
@@ -18,7 +19,7 @@ class AntennaOptions(Settings):
     file: tyro.conf.Positional[Path] = Field(description="antenna file (.msi, .pln)", strict=False)
     out: Path | None = Field(None, description="picture to write (png, pdf or svg); default the file's name, here", strict=False)
     electrical_tilt_deg: Finite | None = Field(None, description="electrical downtilt to shift the vertical cut to [deg]")
-    mechanical_tilt_deg: Finite = Field(0.0, description="mechanical downtilt [deg]")
+    mechanical_tilt_deg: Finite = Field(COLUMN.mechanical_tilt_deg, description="mechanical downtilt [deg]")
 
 
 def main(arguments: Sequence[str]) -> int:

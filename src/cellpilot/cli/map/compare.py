@@ -12,6 +12,7 @@ from cellpilot.cli.options import parse
 from cellpilot.maps import load_map
 from cellpilot.maps.compare import compared
 from cellpilot.scenario import Settings
+from cellpilot.task import Task
 
 
 class CompareOptions(Settings):
@@ -20,7 +21,7 @@ class CompareOptions(Settings):
     a: tyro.conf.Positional[Path] = Field(description="RadioMap file", strict=False)
     b: tyro.conf.Positional[Path] = Field(description="RadioMap file of the same grid", strict=False)
     out: Path = Field(Path("compare.png"), description="picture to write (png, pdf or svg)", strict=False)
-    threshold_db: float = Field(3.0, allow_inf_nan=False, description="SINR threshold [dB]")
+    threshold_db: float = Field(Task.threshold_db, allow_inf_nan=False, description="SINR threshold [dB]")
 
 
 def main(arguments: Sequence[str]) -> int:

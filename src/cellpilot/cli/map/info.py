@@ -13,6 +13,7 @@ from cellpilot.maps import load_map
 from cellpilot.maps.files import has_checksum
 from cellpilot.maps.words import described
 from cellpilot.scenario import Settings
+from cellpilot.task import Task
 from cellpilot.world import World
 
 
@@ -20,7 +21,7 @@ class InfoOptions(Settings):
     """Options of `map info`."""
 
     file: tyro.conf.Positional[Path] = Field(description="RadioMap file", strict=False)
-    threshold_db: float = Field(3.0, allow_inf_nan=False, description="SINR threshold [dB]")
+    threshold_db: float = Field(Task.threshold_db, allow_inf_nan=False, description="SINR threshold [dB]")
 
 
 def main(arguments: Sequence[str]) -> int:

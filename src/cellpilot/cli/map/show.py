@@ -11,6 +11,8 @@ from cellpilot.cli.console import out
 from cellpilot.cli.options import parse, refuse_idle
 from cellpilot.maps import load_map
 from cellpilot.scenario import NonNegative, Settings
+from cellpilot.signal import NO_NOISE_DB
+from cellpilot.task import Task
 
 
 class ShowOptions(Settings):
@@ -21,8 +23,8 @@ class ShowOptions(Settings):
     what: Literal["sinr", "probability", "serving", "spread", "uncertainty", "count", "cdf"] = Field(
         "sinr", description="what to draw"
     )
-    threshold_db: float = Field(3.0, allow_inf_nan=False, description="SINR threshold [dB]")
-    noise_std_db: NonNegative = Field(0.0, description="noise of a measurement, for the probability [dB]")
+    threshold_db: float = Field(Task.threshold_db, allow_inf_nan=False, description="SINR threshold [dB]")
+    noise_std_db: NonNegative = Field(NO_NOISE_DB, description="noise of a measurement, for the probability [dB]")
 
 
 def main(arguments: Sequence[str]) -> int:

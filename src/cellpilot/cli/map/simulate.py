@@ -8,7 +8,7 @@ import tyro
 from pydantic import Field
 
 from cellpilot.cli.console import out, share_bar, warn
-from cellpilot.cli.options import parse, refuse_overwriting, scenario_argument
+from cellpilot.cli.options import THESIS, parse, refuse_overwriting, scenario_argument
 from cellpilot.errors import InputError
 from cellpilot.experiment import layout_warning, make_map, make_sites
 from cellpilot.maps import save_map
@@ -18,7 +18,7 @@ from cellpilot.scenario import MapSettings, Scenario, Settings, SimulatedMap
 class SimulateOptions(Settings):
     """Options of `map simulate`."""
 
-    scenario: tyro.conf.Positional[str] = Field("thesis-2d", description="TOML file or name of a shipped scenario")
+    scenario: tyro.conf.Positional[str] = Field(THESIS, description="TOML file or name of a shipped scenario")
     out: Path = Field(Path("map.nc"), description="RadioMap file to write (.nc, .zarr, .tif, .csv)", strict=False)
     map: MapSettings = SimulatedMap()
 

@@ -14,6 +14,7 @@ from cellpilot.maps.estimate.methods import FloatArray, Known, Method, gaussian_
 from cellpilot.maps.estimate.posterior import kernel_text, too_large
 from cellpilot.maps.reasons import NO_SINR, TABLE, for_lack_of_data, reasons_of, reasons_text, with_reason
 from cellpilot.maps.schema import UNKNOWN, RadioMap, validate
+from cellpilot.maps.settings import LOGS
 
 FillMethod = Literal["inverse-distance", "gaussian-process"]
 
@@ -22,9 +23,9 @@ def fill(
     dataset: RadioMap,
     radius_m: float,
     *,
-    method: FillMethod = "inverse-distance",
+    method: FillMethod = LOGS.fill,
     power: float = 2.0,
-    unknown: str = "blocked",
+    unknown: str = LOGS.unknown,
     trend_db: ArrayLike | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> RadioMap:

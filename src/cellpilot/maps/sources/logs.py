@@ -13,6 +13,7 @@ from cellpilot.errors import InputError
 from cellpilot.maps.account import LogAccount
 from cellpilot.maps.geodesy import farthest_from_the_rest
 from cellpilot.maps.samples import STATED, Samples
+from cellpilot.maps.settings import LOGS
 from cellpilot.maps.sources.drive_test import DRIVE_TEST
 from cellpilot.maps.sources.gnettrack import GNETTRACK
 from cellpilot.maps.sources.log_format import LogFormat
@@ -39,9 +40,9 @@ class LogOptions:
     altitude_m: float | None = None
     """Height of all samples above take-off [m], whatever the log says."""
     format: LogFormat | None = None
-    max_accuracy_m: float = 30.0
+    max_accuracy_m: float = LOGS.max_accuracy_m
     """Samples at less certain positions are left out."""
-    max_age_s: float = 5.0
+    max_age_s: float = LOGS.max_age_s
     """Samples at older positions are left out."""
 
 

@@ -16,6 +16,7 @@ from cellpilot.maps.hover import Mask, densest_disc
 from cellpilot.maps.reasons import NO_MEASUREMENT, blocked_cells
 from cellpilot.maps.samples import STATED, TAKE_OFF, Samples
 from cellpilot.maps.schema import RadioMap, make_map
+from cellpilot.maps.settings import LOGS
 from cellpilot.maps.sources.logs import LogOptions, read_log
 from cellpilot.storage import resolved
 
@@ -30,13 +31,13 @@ def import_logs(
     paths: Sequence[str | Path],
     *,
     altitude_m: float | Sequence[float] | None = None,
-    bin_m: float = 40.0,
-    height_step_m: float = 10.0,
+    bin_m: float = LOGS.bin_m,
+    height_step_m: float = LOGS.height_step_m,
     ground_altitude_m: float | None = None,
-    fill_radius_m: float = 80.0,
-    fill_method: FillMethod = "inverse-distance",
-    mask: str | tuple[float, float, float] | None = "auto",
-    unknown: str = "blocked",
+    fill_radius_m: float = LOGS.fill_radius_m,
+    fill_method: FillMethod = LOGS.fill,
+    mask: str | tuple[float, float, float] | None = LOGS.mask,
+    unknown: str = LOGS.unknown,
     anchor: Anchor | None = None,
     options: LogOptions = AS_THE_LOG_SAYS,
     trend: Trend | None = None,

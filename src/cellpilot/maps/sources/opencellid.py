@@ -18,6 +18,7 @@ from cellpilot.maps.sources.sites import middle_of, unbroken
 from cellpilot.maps.text_table import LONGITUDE_DEG, Column, open_table
 from cellpilot.radio import ColumnAntenna, Deployment
 from cellpilot.radio.ranges import check_range
+from cellpilot.radio.settings import COLUMN, HEXAGONAL
 
 COLUMNS = (
     "radio", "mcc", "net", "area", "cell", "unit", "lon", "lat", "range", "samples", "changeable", "created", "updated",
@@ -39,12 +40,12 @@ class AssumedSectors:
     """
 
     azimuths_deg: tuple[float, ...] = (0.0, 120.0, 240.0)
-    height_m: float = 25.0
-    electrical_tilt_deg: float = 7.0
+    height_m: float = HEXAGONAL.base_height_m
+    electrical_tilt_deg: float = COLUMN.electrical_tilt_deg
     power_dbm: float = 46.0
     carrier_hz: float = 1.8e9
-    bandwidth_hz: float = 10e6
-    load: float = 1.0
+    bandwidth_hz: float = HEXAGONAL.bandwidth_hz
+    load: float = HEXAGONAL.load
 
     def __post_init__(self) -> None:
         if len(self.azimuths_deg) == 0:
@@ -56,7 +57,7 @@ class AssumedSectors:
         bearings = ", ".join(f"{a:g}" for a in self.azimuths_deg)
         return (
             f"assumed for every site: sectors at {bearings} deg, {self.height_m:g} m,"
-            f" column of 10 elements at {self.electrical_tilt_deg:g} deg downtilt, {self.power_dbm:g} dBm,"
+            f" column of {COLUMN.antenna_elements} elements at {self.electrical_tilt_deg:g} deg downtilt, {self.power_dbm:g} dBm,"
             f" {self.carrier_hz / 1e6:g} MHz, {self.bandwidth_hz / 1e6:g} MHz wide, load {self.load:g}"
         )
 
@@ -74,7 +75,10 @@ class AssumedSites:
 
 
 def read_opencellid(
-    path: str | Path, operator: str | None = None, assumed: AssumedSectors = AssumedSectors(), noise_figure_db: float = 9.0
+    path: str | Path,
+    operator: str | None = None,
+    assumed: AssumedSectors = AssumedSectors(),
+    noise_figure_db: float = HEXAGONAL.noise_figure_db,
 ) -> AssumedSites:
     """LTE sites of one operator ("MCC-MNC") with assumed sectors; a site is where the cells of one base station are on average.
 
@@ -118,7 +122,7 @@ def read_opencellid(
         boresight_deg=np.tile((90.0 - np.array(assumed.azimuths_deg)) % 360.0, len(mine)),
         power_dbm=np.full(n * len(mine), assumed.power_dbm),
         load=np.full(n * len(mine), assumed.load),
-        antenna=(ColumnAntenna(10, 0.8, assumed.electrical_tilt_deg),) * (n * len(mine)),
+        antenna=(ColumnAntenna.of(COLUMN.changed(electrical_tilt_deg=assumed.electrical_tilt_deg)),) * (n * len(mine)),
         site=np.repeat(np.arange(len(mine)), n),
         carrier_hz=np.full(n * len(mine), assumed.carrier_hz),
         bandwidth_hz=np.full(n * len(mine), assumed.bandwidth_hz),

@@ -11,7 +11,9 @@ from cellpilot.maps.geodesy import Anchor
 from cellpilot.maps.limits import check_size
 from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
+from cellpilot.maps.settings import AREA
 from cellpilot.radio import Deployment, LosMode, Reception, simulate
+from cellpilot.radio.settings import PROPAGATION
 
 FloatArray = NDArray[np.float64]
 Range = tuple[float, float]
@@ -29,14 +31,14 @@ MAX_RSRP_VALUES = 10_000_000
 def simulate_map(
     deployment: Deployment,
     *,
-    environment: str = "UMa-AV",
-    los: LosMode = "soft",
+    environment: str = PROPAGATION.environment,
+    los: LosMode = PROPAGATION.los,
     shadowing_seed: int | None = None,
-    x_range_m: Range = (-200.0, 200.0),
-    y_range_m: Range = (-200.0, 200.0),
-    heights_m: Sequence[float] = (30.0,),
-    bin_m: float = 20.0,
-    points_per_side: int = 8,
+    x_range_m: Range = AREA.x_range_m,
+    y_range_m: Range = AREA.y_range_m,
+    heights_m: Sequence[float] = AREA.heights_m,
+    bin_m: float = AREA.bin_m,
+    points_per_side: int = AREA.points_per_side,
     anchor: Anchor | None = None,
     names: Sequence[str] | None = None,
     progress: Callable[[float], None] = lambda share: None,

@@ -27,6 +27,7 @@ from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sources.raytraced import map_of_levels
 from cellpilot.maps.text_table import UNREADABLE
 from cellpilot.radio import Interference
+from cellpilot.radio.settings import HEXAGONAL
 from cellpilot.units import to_db
 
 FloatArray = NDArray[np.float64]
@@ -45,9 +46,9 @@ class Receiver:
 
     power_dbm: float = 44.0
     carrier_hz: float = 3.5e9
-    bandwidth_hz: float = 10e6
-    noise_figure_db: float = 9.0
-    load: float = 1.0
+    bandwidth_hz: float = HEXAGONAL.bandwidth_hz
+    noise_figure_db: float = HEXAGONAL.noise_figure_db
+    load: float = HEXAGONAL.load
 
     def words(self) -> str:
         """One line that says all of it."""

@@ -37,6 +37,7 @@ from cellpilot.radio import Antenna, AntennaFile, ColumnAntenna, Deployment, Pat
 from cellpilot.radio.antenna_file import antenna_text
 from cellpilot.radio.interference import RESOURCE_BLOCKS
 from cellpilot.radio.ranges import check_range
+from cellpilot.radio.settings import COLUMN, HEXAGONAL
 from cellpilot.storage import write_atomically
 
 DEGREES, METRES = ("latitude", "longitude"), ("x_m", "y_m")
@@ -44,7 +45,6 @@ REQUIRED = ("site_id", "height_m", "sector_id", "azimuth_deg", "antenna", "power
 
 NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)\s*"
 COLUMN_ANTENNA = re.compile(rf"column\(\s*(\d{{1,4}})\s*,{NUMBER}(?:,{NUMBER})?\)", re.IGNORECASE)
-DEFAULT_FLOOR_DB = -40.0
 FARTHEST_M = 2e7
 """Half way round the Earth: what lies farther east or north [m] is no place. Coordinates of UTM lie within."""
 POWER_DBM = (-50.0, 100.0)
@@ -62,7 +62,7 @@ class SiteList:
     in_degrees: bool = False  # whether the list itself says where on Earth its sites are
 
 
-def read_sites(path: str | Path, anchor: Anchor | None = None, noise_figure_db: float = 9.0) -> SiteList:
+def read_sites(path: str | Path, anchor: Anchor | None = None, noise_figure_db: float = HEXAGONAL.noise_figure_db) -> SiteList:
     """The sectors of a site list.
 
     `anchor` is where x = y = 0 lies; by default the middle of the sites' extent. `InputError` with file, line and column for a
@@ -267,7 +267,7 @@ class _SectorReader:
                     tilt_deg = None if isnan(electrical_deg) else electrical_deg
                     self.antennas[key] = read_antenna(self.folder / text).antenna(tilt_deg, mechanical_deg)
                 else:
-                    floor_db = float(column[3]) if column[3] else DEFAULT_FLOOR_DB
+                    floor_db = float(column[3]) if column[3] else COLUMN.array_factor_floor_db
                     self.antennas[key] = ColumnAntenna(int(column[1]), float(column[2]), electrical_deg, mechanical_deg, floor_db)
             except InputError as error:
                 raise row.error(f"antenna is {text!r}: {error}") from None
