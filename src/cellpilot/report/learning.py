@@ -7,8 +7,8 @@ from matplotlib.ticker import NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from cellpilot.evaluate import METRICS
-from cellpilot.report.content import Content
 from cellpilot.report.style import BLUE, GREEN, GREY, PAGE_WIDTH_IN, PURPLE, VERMILION, Line, policy_line, single_axes
+from cellpilot.runs.content import Content
 
 FloatArray = NDArray[np.float64]
 

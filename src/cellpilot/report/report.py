@@ -6,12 +6,12 @@ from typing import Any
 
 from cellpilot.evaluate.metrics import METRICS, number_metrics
 from cellpilot.report import html, tables
-from cellpilot.report.content import Content, load_content
 from cellpilot.report.figures import draw_figures
 from cellpilot.report.numbers import count
 from cellpilot.report.thesis import PUBLISHED_IN
 from cellpilot.report.words import summary_paragraphs
 from cellpilot.runs import RunFacts
+from cellpilot.runs.content import Content, load_content
 from cellpilot.storage import write_atomically
 
 
