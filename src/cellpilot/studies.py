@@ -144,7 +144,11 @@ def sensitivity(run: Run, learned: bool, progress: Callable[[float], None] = lam
             figures = {name: METRICS[name].compute(summary) for name in SENSITIVITY_METRICS}
             rows.append({"knob": knob, "value": value, "policy": policy.name} | figures)
         progress((i + 1) / len(points))
-    columns = {name: ("point", np.array([row[name] if row[name] is not None else np.nan for row in rows])) for name in rows[0]}
+    about = {name: {"units": METRICS[name].unit, "long_name": METRICS[name].label} for name in SENSITIVITY_METRICS}
+    columns = {
+        name: ("point", np.array([row[name] if row[name] is not None else np.nan for row in rows]), about.get(name, {}))
+        for name in rows[0]
+    }
     dataset = xr.Dataset(
         columns,
         attrs={

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cellpilot.evaluate import METRICS
-from cellpilot.evaluate.evaluation import add_score
+from cellpilot.evaluate.evaluation import add_compared
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.evaluate.statistics import half_interval, mean_interval, ratio_interval, share_interval, t95, weighted_quantile
 from cellpilot.evaluate.summary import Summary
@@ -133,10 +133,10 @@ def test_score_by_hand() -> None:
     table: dict[str, dict[str, object]] = {
         name: {"return_mean": value} for name, value in (("greedy", 2.0), ("optimal", 6.0), ("x", 7.0))
     }
-    add_score(table)
+    add_compared(table)
     assert [row["score"] for row in table.values()] == [0.0, 1.0, 1.25]
     assert [row["regret_mean"] for row in table.values()] == [4.0, 0.0, -1.0]
     close = {"greedy": {"return_mean": 2.0}, "optimal": {"return_mean": 2.0 + 1e-7}, "x": {"return_mean": 1.0}}
-    add_score(close)
+    add_compared(close)
     assert [row["score"] for row in close.values()] == [None] * 3
     assert close["x"]["regret_mean"] == pytest.approx(1.0)

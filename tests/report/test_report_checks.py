@@ -11,7 +11,7 @@ import xarray as xr
 from report_runs import made_up_ablation, made_up_sensitivity, made_up_training, small_map, write_run
 
 from cellpilot.errors import InputError
-from cellpilot.report.checks import check_metrics, check_variables
+from cellpilot.runs.checks import check_metrics, check_variables
 
 
 @pytest.fixture(scope="module")

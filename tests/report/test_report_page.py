@@ -19,13 +19,13 @@ from rich.console import Console
 from cellpilot.errors import InputError
 from cellpilot.evaluate import METRICS, Evaluation
 from cellpilot.report import text_table, write_report
-from cellpilot.report.content import load_content
 from cellpilot.report.figures import FIGURES
 from cellpilot.report.learning import draw_training
 from cellpilot.report.numbers import percent
 from cellpilot.report.style import drawing_settings
 from cellpilot.report.thesis import PUBLISHED
 from cellpilot.report.words import summary_paragraphs
+from cellpilot.runs.content import load_content
 from cellpilot.world import World
 
 Reported = tuple[Path, Evaluation]

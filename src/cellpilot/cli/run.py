@@ -15,6 +15,7 @@ from cellpilot.cli.console import err, out, share_bar, training_bar, warn
 from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse, parse_scenario
 from cellpilot.errors import InputError, WriteError
+from cellpilot.evaluate.metrics import all_metrics
 from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.learn.history import mean_of_flights
 from cellpilot.provenance import usable_cores
@@ -177,12 +178,15 @@ def _folders(runs: Sequence[Run]) -> str:
 
 def policies_over_seeds(figures: Sequence[dict[str, dict[str, float | None]]]) -> Table:
     """Mean and standard deviation over the seeds of each policy's main figures."""
-    columns = {"reached_share": 100, "low_sinr_share": 100, "path_ratio_p90": 1, "return_mean": 1, "score": 1}
-    headings = ("reached [%]", "low SINR [%]", "path ratio p90", "return", "score")
+    columns = {
+        name: all_metrics()[name] for name in ("reached_share", "low_sinr_share", "path_ratio_p90", "return_mean", "score")
+    }
+    percent = {name: metric.form == "percent" for name, metric in columns.items()}
+    headings = [f"{metric.short or metric.label} [%]" if percent[name] else metric.label for name, metric in columns.items()]
     table = seeds_table(len(figures), "policy", headings)
     for policy in figures[0]:
         rows = [figure[policy] for figure in figures]
-        table.add_row(policy, *(mean_and_spread([row[name] for row in rows], scale) for name, scale in columns.items()))
+        table.add_row(policy, *(mean_and_spread([row[name] for row in rows], 100 if percent[name] else 1) for name in columns))
     return table
 
 

@@ -8,18 +8,10 @@ from rich.table import Table
 
 from cellpilot.cli.console import err, out, share_bar
 from cellpilot.cli.options import ScenarioOptions, command_line, parse_scenario
+from cellpilot.evaluate import METRICS
 from cellpilot.runs import open_or_create_run
 from cellpilot.storage import hold
 from cellpilot.studies import sensitivity
-
-HEADINGS = {
-    "knob": "varied",
-    "low_sinr_share": "below",
-    "path_ratio_mean": "ratio mean",
-    "path_ratio_p90": "ratio p90",
-    "reached_share": "reached",
-}
-"""Short headings of the table."""
 
 
 class SensitivityOptions(ScenarioOptions):
@@ -43,8 +35,9 @@ def main(arguments: Sequence[str]) -> int:
             return 130
         table = Table(title="exact figures over all pairs")
         names = list(dataset.data_vars)
-        for column in names:
-            table.add_column(HEADINGS.get(str(column), str(column)), justify="right", no_wrap=True)
+        for name in map(str, names):
+            heading = METRICS[name].heading if name in METRICS else name
+            table.add_column(heading, justify="right", no_wrap=name not in METRICS)
         for point in range(dataset.sizes["point"]):
             values = [dataset[column].values[point] for column in names]
             table.add_row(*(v if isinstance(v, str) else f"{v:.4g}" for v in values))

@@ -9,9 +9,8 @@ import numpy as np
 from cellpilot.evaluate.exact import exhaustive_summary, goals_at_once
 from cellpilot.evaluate.flights import SINR_LEVELS_DB, Departures, FlightRecords, Visits, draw_flights
 from cellpilot.evaluate.instances import Instances, count_pairs, sample_pairs
-from cellpilot.evaluate.metrics import METRICS, share_of_gain
+from cellpilot.evaluate.metrics import COMPARED, METRICS, Returns
 from cellpilot.evaluate.mobility import HandoverRule, Mobility
-from cellpilot.evaluate.statistics import mean_interval, ratio_interval, share_interval
 from cellpilot.evaluate.summary import Summary, summarise
 from cellpilot.grid import IntArray, Position
 from cellpilot.policies import Policy
@@ -77,10 +76,10 @@ def evaluate(
         if exhaustive:
             rng = stream(seed, Evaluating.EXHAUSTIVE)
             summary = exhaustive_summary(rng, world, task, policy, start, goal, done)
-            exact[policy.name] = _metrics(replace(summary, mobility=visits.mobility)) | NO_INTERVALS
+            exact[policy.name] = _metrics(replace(summary, mobility=visits.mobility)) | _intervals(None)
         done(1.0)
     for table in (exact, sampled):
-        add_score(table)
+        add_compared(table)
     return Evaluation(exhaustive, n_pairs, unreachable, exact or sampled, sampled, flights, histograms)
 
 
@@ -119,29 +118,19 @@ def sampled_flights(
     return in_order, total
 
 
-NO_INTERVALS: dict[str, Any] = {"return_ci95": None, "reached_ci95": None, "low_sinr_ci95": None, "path_ratio_mean_ci95": None}
-
-
-def add_score(table: dict[str, dict[str, Any]]) -> None:
-    """Write `regret_mean` (optimal - policy) and `score` ((policy - greedy)/(optimal - greedy)) into each row.
-
-    The score is not clipped; it is None where optimum and baseline return the same, or where one is missing.
-    """
+def add_compared(table: dict[str, dict[str, Any]]) -> None:
+    """Write the metrics that compare a policy with the baseline and the optimum of a table into each of its rows."""
     optimal, greedy = (table[name]["return_mean"] if name in table else None for name in ("optimal", "greedy"))
     for row in table.values():
-        row["regret_mean"] = None if optimal is None else optimal - row["return_mean"]
-        row["score"] = None if optimal is None or greedy is None else share_of_gain(row["return_mean"], greedy, optimal)
+        returns = Returns(row["return_mean"], greedy, optimal)
+        row |= {name: metric.compute(returns) for name, metric in COMPARED.items()}
 
 
 def _metrics(summary: Summary) -> dict[str, Any]:
     return {name: metric.compute(summary) for name, metric in METRICS.items()}
 
 
-def _intervals(records: FlightRecords) -> dict[str, Any]:
-    ratio = records.n_steps[records.reached] / records.shortest_steps[records.reached]
-    return {
-        "return_ci95": mean_interval(records.drawn_return),
-        "reached_ci95": share_interval(records.reached.sum(), len(records.reached)),
-        "low_sinr_ci95": ratio_interval(records.low_steps.astype(float), records.n_steps.astype(float)),
-        "path_ratio_mean_ci95": mean_interval(ratio) if ratio.size else None,
-    }
+def _intervals(records: FlightRecords | None) -> dict[str, Any]:
+    """The 95 % intervals by name, of sampled flights; None for exact figures."""
+    intervals = [metric.interval for metric in METRICS.values() if metric.interval is not None]
+    return {interval.name: None if records is None else interval.compute(records) for interval in intervals}

@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from cellpilot.report.content import Content
+from cellpilot.evaluate import METRICS
 from cellpilot.report.style import COLUMN_WIDTH_IN, VERMILION, Line, legend_below, policy_line, single_axes
+from cellpilot.runs.content import Content
 
 FloatArray = NDArray[np.float64]
 Curve = tuple[FloatArray, FloatArray]
@@ -168,7 +169,7 @@ def draw_altitude(run: Content) -> Figure | None:
             edgecolor="white",
             linewidth=0.4,
         )
-    axes.set(xlabel="height above ground [m]", ylabel="share of steps [1]", xticks=place, ylim=(0, None))
+    axes.set(xlabel="height above ground [m]", ylabel=METRICS["altitude_share"].axis, xticks=place, ylim=(0, None))
     axes.set_xticklabels([f"{z:g}" for z in run.world.grid.z_m])
     axes.legend(loc="best")
     return figure

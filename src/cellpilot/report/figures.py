@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 
 from cellpilot.errors import InputError
 from cellpilot.report.adaptation import draw_adapt
-from cellpilot.report.content import Content
 from cellpilot.report.distributions import draw_altitude, draw_path_ratio_cdf, draw_return_cdf, draw_sinr_cdf
 from cellpilot.report.learning import draw_ablation, draw_sensitivity, draw_training
 from cellpilot.report.maps import draw_deployment, draw_low_probability, draw_sinr
 from cellpilot.report.policies import draw_high_goal, draw_low_goal
 from cellpilot.report.style import boxes_for_missing_letters, drawing_settings
+from cellpilot.runs.content import Content
 from cellpilot.storage import write_atomically
 
 DPI = 150

@@ -5,7 +5,7 @@ from html import escape
 from string import Template
 
 from cellpilot.report.figures import FIGURES, Picture
-from cellpilot.report.tables import Column, Row
+from cellpilot.report.tables import Columns, Row
 
 PAGE = Template(
     """<!DOCTYPE html>
@@ -113,9 +113,9 @@ def definitions(pairs: Mapping[str, str]) -> str:
     return "<dl>\n" + "\n".join(f"<dt>{escape(term)}</dt><dd>{escape(text)}</dd>" for term, text in pairs.items()) + "\n</dl>"
 
 
-def column_words(columns: Mapping[str, Column]) -> str:
+def column_words(columns: Columns) -> str:
     """What each column of the summary table means."""
-    return definitions({column.label: column.words for column in columns.values()})
+    return definitions({column.heading: column.long_name for column in columns.values()})
 
 
 def figures(pictures: Mapping[str, Picture]) -> str:

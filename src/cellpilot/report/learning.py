@@ -6,8 +6,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
-from cellpilot.report.content import Content
+from cellpilot.evaluate import METRICS
 from cellpilot.report.style import BLUE, GREEN, GREY, PAGE_WIDTH_IN, PURPLE, VERMILION, Line, policy_line, single_axes
+from cellpilot.runs.content import Content
 
 FloatArray = NDArray[np.float64]
 
@@ -137,9 +138,9 @@ def draw_sensitivity(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(PAGE_WIDTH_IN if len(knobs) > 1 else 4.1, 6.0), layout="constrained")
     panels = figure.subplots(3, len(knobs), sharex="col", sharey="row", squeeze=False)
     quantities = {
-        "low_sinr_share": f"steps below {data.attrs['threshold_db']:g} dB [share]",
+        "low_sinr_share": f"{METRICS['low_sinr_share'].axis}\nof {data.attrs['threshold_db']:g} dB",
         "path_ratio_p90": "path ratio [1]\nmean and p90",
-        "reached_share": "goal reached [share]",
+        "reached_share": METRICS["reached_share"].axis,
     }
     for column, knob in enumerate(knobs):
         curves = sensitivity_curves(data, knob)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from cellpilot.grid import Grid
 from cellpilot.maps import RadioMap, grid_of
 from cellpilot.maps.words import share_below
-from cellpilot.report.content import Content
 from cellpilot.report.numbers import percent
 from cellpilot.report.plane import (
     FloatArray,
@@ -34,6 +33,7 @@ from cellpilot.report.plane import (
     trim_height,
 )
 from cellpilot.report.style import BLUE, CHANCE_COLOURS, SINR_COLOURS, VERMILION, drawing_settings, legend_below, single_axes
+from cellpilot.runs.content import Content
 from cellpilot.world import World
 
 

@@ -11,7 +11,6 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from cellpilot.policies import LearnedPolicy
-from cellpilot.report.content import Content
 from cellpilot.report.plane import (
     draw_cells,
     draw_special_cells,
@@ -21,6 +20,7 @@ from cellpilot.report.plane import (
     special_handles,
 )
 from cellpilot.report.style import GREEN, SINR_COLOURS, legend_below
+from cellpilot.runs.content import Content
 from cellpilot.solve import optimal_values
 from cellpilot.world import World
 

@@ -4,13 +4,14 @@ import json
 from pathlib import Path
 from typing import Any
 
+from cellpilot.evaluate.metrics import METRICS, number_metrics
 from cellpilot.report import html, tables
-from cellpilot.report.content import Content, load_content
 from cellpilot.report.figures import draw_figures
 from cellpilot.report.numbers import count
 from cellpilot.report.thesis import PUBLISHED_IN
 from cellpilot.report.words import summary_paragraphs
 from cellpilot.runs import RunFacts
+from cellpilot.runs.content import Content, load_content
 from cellpilot.storage import write_atomically
 
 
@@ -37,19 +38,17 @@ def write_report(run: Path) -> Path:
 
 
 def _result_tables(run: Content) -> list[str]:
-    metrics, names = run.metrics, tables.columns()
-    headings = [column.label for column in names.values()]
+    metrics, columns = run.metrics, number_metrics()
+    headings = [column.heading for column in columns.values()]
     n_flights = count(run.flights.sizes["flight"])
-    parts = [html.table("Summary", headings, tables.main_rows(metrics, names)), html.paragraph(_basis(run, n_flights))]
+    parts = [html.table("Summary", headings, tables.main_rows(metrics, columns)), html.paragraph(_basis(run, n_flights))]
     if metrics["exhaustive"]:
-        rows = tables.policy_rows(metrics["sampled"], "sampled", names)
+        rows = tables.policy_rows(metrics["sampled"], "sampled", columns)
         parts.append(html.table(f"{n_flights} sampled flights, with 95 % intervals in brackets", headings, rows))
     class_headings, class_rows = tables.rf_class_rows(metrics)
-    parts.append(
-        html.table("Share of measurements in each class of radio conditions (thesis, Figure 4.4)", class_headings, class_rows)
-    )
+    parts.append(html.table(METRICS["rf_class_share"].long_name.removesuffix("."), class_headings, class_rows))
     parts.append("<h3>What the columns mean</h3>")
-    parts.append(html.column_words(names))
+    parts.append(html.column_words(columns))
     return parts
 
 

@@ -3,9 +3,9 @@
 from typing import Any
 
 from cellpilot.experiment import divergence_warning, threshold_warning
-from cellpilot.report.content import Content
 from cellpilot.report.numbers import EXACT_TO, count, number, percent
 from cellpilot.report.style import policy_line
+from cellpilot.runs.content import Content
 
 
 def summary_paragraphs(run: Content) -> list[str]:

@@ -11,8 +11,9 @@ import xarray as xr
 from cellpilot.errors import InputError
 from cellpilot.maps import RadioMap, load_map
 from cellpilot.policies import LearnedPolicy, OptimalPolicy, PolicyParameters, load_parameters
-from cellpilot.report.checks import check_metrics, check_variables
-from cellpilot.runs import RunFacts, map_digest, policy_digest, read_facts
+from cellpilot.runs.checks import check_metrics, check_variables
+from cellpilot.runs.files import RunFacts, read_facts
+from cellpilot.runs.origin import map_digest, policy_digest
 from cellpilot.scenario import AirspaceSettings
 from cellpilot.storage import load_netcdf, parse_json
 from cellpilot.task import Task

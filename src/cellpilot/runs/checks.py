@@ -6,9 +6,7 @@ from typing import Any
 import xarray as xr
 
 from cellpilot.errors import InputError
-from cellpilot.evaluate import METRICS
-from cellpilot.evaluate.metrics import RF_CLASSES_DB
-from cellpilot.report.tables import DERIVED, INTERVALS
+from cellpilot.evaluate.metrics import RF_CLASSES_DB, number_metrics
 
 VARIABLES: dict[str, dict[str, tuple[str, ...]]] = {
     "eval": {
@@ -64,10 +62,10 @@ def check_metrics(metrics: Any, where: str) -> dict[str, Any]:
 def _check_row(row: dict[str, Any], path: str, where: str) -> None:
     for name in ("reached_share", "low_sinr_share"):
         _need(_is_number(row.get(name)), f"{path}.{name}", row.get(name), "a number", where)
-    for name in [name for name, metric in METRICS.items() if metric.form != "list"] + list(DERIVED):
+    for name in number_metrics():
         value = row.get(name)
         _need(value is None or _is_number(value, even_nan=True), f"{path}.{name}", value, "a number or null", where)
-    for name in INTERVALS.values():
+    for name in [metric.interval.name for metric in number_metrics().values() if metric.interval is not None]:
         bounds = row.get(name)
         fits = isinstance(bounds, list) and len(bounds) == 2 and all(b is None or _is_number(b, even_nan=True) for b in bounds)
         _need(bounds is None or fits, f"{path}.{name}", bounds, "two numbers or null", where)
