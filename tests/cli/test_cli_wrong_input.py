@@ -22,6 +22,7 @@ from cellpilot.world import World
 
 LOG_HEADER = "Time,Latitude,Longitude,RSRP (LTE pcell),RS SNR"
 PLACES = ("--start", "0,0,0", "--goal", "3,3,0")
+VARIANTS = ("--learner.algorithm", "ddqn-her-variants")
 
 FILES = {
     "empty.toml": "",
@@ -34,12 +35,12 @@ FILES = {
     "number.toml": "[map]\nheights_m = 30.0\n",
     "table.toml": "\nmap = 3\n",
     "kind.toml": '[map]\nkind = "guessed"\n',
-    "choice.toml": '[learner]\nexploration = "none"\n',
+    "choice.toml": '[learner]\nalgorithm = "ddqn-her-variants"\nexploration = "none"\n',
     "sigma.toml": "[task]\nrho_goal = 1.0\nnoise_std_db = -2.0\n",
     "episodes.toml": "[learner]\nepisodes = 0\n",
     "nan.toml": "[task]\nrho_goal = nan\n",
     "memory.toml": "[learner]\nreplay_capacity = 100\n",
-    "epsilon.toml": '[learner]\nexploration = "epsilon-greedy"\n',
+    "epsilon.toml": '[learner]\nalgorithm = "ddqn-her-variants"\nexploration = "epsilon-greedy"\n',
     "position.toml": "[task]\nstart = [0, 0]\n",
     "text.csv": "hello\nworld\n",
     "empty_30m.csv": "",
@@ -65,7 +66,7 @@ TOML = [
     ("number.toml", ["number.toml:2", "map.heights_m", "30.0"]),
     ("table.toml", ["table.toml:2", "map", "3"]),
     ("kind.toml", ["kind.toml:", "guessed", "simulated"]),
-    ("choice.toml", ["choice.toml:2", "learner.exploration", "none", "boltzmann"]),
+    ("choice.toml", ["choice.toml:3", "learner.exploration", "none", "boltzmann"]),
     ("sigma.toml", ["sigma.toml:3", "task.noise_std_db", "-2"]),
     ("episodes.toml", ["episodes.toml:2", "learner.episodes", "0"]),
     ("nan.toml", ["nan.toml:2", "task.rho_goal", "nan"]),
@@ -83,8 +84,8 @@ FLAGS = [
     (["--learner.episodes", "0"], ["--learner.episodes", "0"]),
     (["--learner.episodes", "ten"], ["--learner.episodes", "ten"]),
     (["--learner.learning-rate", "0"], ["--learner.learning-rate", "0"]),
-    (["--learner.exploration", "none"], ["--learner.exploration", "none", "boltzmann"]),
-    (["--learner.exploration", "epsilon-greedy"], ["initial_exploration"]),
+    ([*VARIANTS, "--learner.exploration", "none"], ["--learner.exploration", "none", "boltzmann"]),
+    ([*VARIANTS, "--learner.exploration", "epsilon-greedy"], ["initial_exploration"]),
     (["--learner.replay-capacity", "100"], ["replay_capacity", "100", "replay_start", "200"]),
     (["--learner.replay-capacity", "239"], ["replay_capacity", "239", "240"]),
     (["--learner.replay-capacity", "10000000000000"], ["replay"]),

@@ -43,6 +43,9 @@ def make_world(seed: int = 0, sides: tuple[int, int, int] = (5, 5, 1), noise_std
     return World(Airspace.of_blocked(grid, stones), Signal(sinr_db.astype(np.float32), noise_std_db))
 
 
+collect = jax.jit(fqi_her.collect, static_argnums=(1, 3))
+
+
 def learn(world: World, task: Task, settings: FQIHER, seed: int = 0) -> LearnedPolicy:
     """Train and take the policy out."""
     result = train(settings, Place(world, task), seed)
@@ -117,16 +120,23 @@ def test_the_policy_flies_on_numpy_as_it_was_trained(model: bool, tmp_path) -> N
     goals = world.airspace.free_cells
     found = load_parameters(tmp_path / "p.safetensors").values(world.grid, goals)
     penalty = penalty_model(result.state.memory, task.threshold_db) if model else None
+    arena, cells = make_arena(world), jnp.arange(world.grid.n_cells)
+    values = jax.jit(lambda goal: fqi_her.action_values(result.state.average, arena, task, penalty, cells, goal))
     for column, goal in enumerate(goals):
-        cells = jnp.arange(world.grid.n_cells)
-        expected = fqi_her.action_values(result.state.average, arena, task, penalty, cells, jnp.full_like(cells, goal))
+        expected = values(jnp.full_like(cells, goal))
         assert np.abs(found[:, column] - np.asarray(expected)).max() < 1e-4
 
 
 @pytest.mark.parametrize(("model", "noise_std_db", "networks"), [(True, 0.0, 1), (True, 2.0, 2), (False, 0.0, 1)])
 def test_a_small_world_is_learned(model: bool, noise_std_db: float, networks: int) -> None:
     world, task = make_world(2, noise_std_db=noise_std_db, blocked=2), Task(max_steps=100)
-    policy = learn(world, task, SMALL.changed(rounds=60 if model else 200, penalty_model=model, networks=networks))
+    policy = learn(
+        world,
+        task,
+        SMALL.changed(
+            rounds=60 if model else 200, penalty_model=model, networks=networks, look_ahead=SMALL.look_ahead if model else 1
+        ),
+    )
     result = evaluate(world, task, [GreedyPolicy(world), OptimalPolicy(world, task), policy], seed=0, n_sampled=10)
     row = result.policies["learned/argmax"]
     assert row["reached_share"] == 1
@@ -204,7 +214,7 @@ def test_an_uncertain_map_is_one_map_during_a_flight() -> None:
     settings = SMALL.changed(flights=200, steps_per_round=5)
     state = fqi_her.initial_state(settings, arena, 0)
     assert float(jnp.std(state.flights.error_db)) == pytest.approx(3.0, rel=0.1)
-    flights, memory, _ = fqi_her.collect(jax.random.key(0), settings, arena, Task(max_steps=50), state, jnp.zeros(25))
+    flights, memory, _ = collect(jax.random.key(0), settings, arena, Task(max_steps=50), state, jnp.zeros(25))
     same = (np.asarray(flights.error_db) == np.asarray(state.flights.error_db)).all(1)
     assert 0 < same.sum() < 200  # a flight that ended was replaced by one on another map
     measured_db = np.asarray(memory.sum_db / jnp.maximum(memory.count, 1) + memory.first_db)
@@ -224,7 +234,7 @@ def test_a_training_flight_ends_at_its_cap_and_not_a_step_later() -> None:
     settings = SMALL.changed(steps_per_round=cap)
     state = fqi_her.initial_state(settings, arena, 0)
     penalty = penalty_model(state.memory, task.threshold_db)
-    flights, _, statistics = fqi_her.collect(jax.random.key(1), settings, arena, task, state, penalty)
+    flights, _, statistics = collect(jax.random.key(1), settings, arena, task, state, penalty)
     assert (float(statistics.flights), float(statistics.n_steps), float(statistics.reached)) == (settings.flights, cap, 0.0)
     assert flights.n_steps.tolist() == [0] * settings.flights
 
@@ -240,16 +250,18 @@ def test_a_round_in_which_no_flight_ends_has_no_value() -> None:
 
 
 def test_the_learning_rate_falls_to_its_end_and_is_the_one_that_is_used() -> None:
-    settings = SMALL.changed(rounds=100, learning_rate=2e-3, final_learning_rate=0.0)
+    settings = SMALL.changed(rounds=100, learning_rate=2e-3, final_learning_rate=1e-30)
     rates = [float(fqi_her.learning_rate_at(settings, jnp.int32(round_))) for round_ in (0, 25, 50, 75, 100)]
     np.testing.assert_allclose(rates, [2e-3, 1.7071e-3, 1e-3, 0.2929e-3, 0.0], atol=1e-7)
     task, arena = Task(max_steps=60), make_arena(make_world(1))
-    state = fqi_her.run_round(jax.random.key(0), settings, arena, task, fqi_her.initial_state(settings, arena, 0))[0]
+    fresh = fqi_her.initial_state(settings, arena, 0)
+    state = jax.jit(fqi_her.run_round, static_argnums=(1, 3))(jax.random.key(0), settings, arena, task, fresh)[0]
+    optimize = jax.jit(fqi_her.optimize, static_argnums=(1, 3))
     penalty = penalty_model(state.memory, task.threshold_db)
 
     def change(round_: int) -> float:
         at = replace(state, round=jnp.int32(round_))
-        fitted = fqi_her.optimize(jax.random.key(1), settings, arena, task, at, penalty)
+        fitted = optimize(jax.random.key(1), settings, arena, task, at, penalty)
         return float(jnp.abs(fitted.online.weight - state.online.weight).max())
 
     assert change(99) < 0.1 * change(1)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cellpilot.envs.arena import make_arena
-from cellpilot.envs.flight import fly
+from cellpilot.envs.flight import Flight, fly
 from cellpilot.evaluate import evaluate
 from cellpilot.evaluate.exact import fly_all
 from cellpilot.evaluate.instances import all_pairs
@@ -77,12 +77,17 @@ def test_ddqn_her_learns_under_the_new_rules(make_world: MakeWorld, rule: str, n
 def test_hindsight_never_draws_a_forbidden_cell(random_world: MakeWorld, strategy: str) -> None:
     world = random_world(31, (4, 4, 1), 0.3, rule="end")
     arena, ended = make_arena(world), 0
-    for seed in range(60):
+    start, goal = world.airspace.free_cells[[0, -1]]
+
+    @jax.jit
+    def drawn(seed: jax.Array) -> tuple[Flight, jax.Array]:
         actions = jax.random.randint(jax.random.key(seed), (60,), 0, 4)
-        start, goal = world.airspace.free_cells[[0, -1]]
-        flight = fly(jax.random.key(0), arena, TASK, jnp.int32(start), jnp.int32(goal), lambda cell, t, a=actions: a[t])
-        goals = np.asarray(hindsight_goals(jax.random.key(seed), flight, 4, strategy, ends=True))[: int(flight.n_steps)]
-        assert not world.airspace.blocked[goals].any()
+        flight = fly(jax.random.key(0), arena, TASK, jnp.int32(start), jnp.int32(goal), lambda cell, t: actions[t])
+        return flight, hindsight_goals(jax.random.key(seed), flight, 4, strategy, ends=True)
+
+    for seed in range(60):
+        flight, goals = drawn(jnp.int32(seed))
+        assert not world.airspace.blocked[np.asarray(goals)[: int(flight.n_steps)]].any()
         ended += bool(flight.terminated & ~flight.reached)
     assert ended > 20
 

@@ -130,12 +130,11 @@ def test_a_resumed_run_equals_an_uninterrupted_one(
     assert_same_run(again, uninterrupted)
 
 
-def test_checkpoints_during_training_change_nothing(tmp_path: Path, arena: Arena, uninterrupted: TrainingResult) -> None:
+def test_checkpoints_during_training_change_nothing(tmp_path: Path, place: Place, uninterrupted: TrainingResult) -> None:
     seen: list[TrainingProgress] = []
     result = train(
         SMALL,
-        TASK,
-        arena,
+        place,
         3,
         checkpoint=tmp_path / "state.safetensors",
         chunk_rounds=4,
