@@ -3,6 +3,7 @@
 import importlib
 import os
 import sys
+import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, is_dataclass
@@ -66,7 +67,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The markers, so that `--strict-markers` knows them."""
+    """The markers, so that `--strict-markers` knows them, and one cache of compiled programs for all workers and commands."""
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        cache_folder = tempfile.TemporaryDirectory(prefix="compiled-")
+        config.add_cleanup(cache_folder.cleanup)
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = cache_folder.name
+        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
     config.addinivalue_line("markers", "slow: takes more than twenty seconds; runs with --slow")
     config.addinivalue_line("markers", "raytrace: traces rays with Sionna RT; runs with --raytrace")
 
