@@ -11,7 +11,7 @@ from rich.console import Console
 
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS
-from cellpilot.experiment import make_map, make_task
+from cellpilot.experiment import build_map, make_task
 from cellpilot.grid import IntArray
 from cellpilot.scenario import find_scenario, load_scenario
 from cellpilot.solve import optimal_values
@@ -45,7 +45,7 @@ def main() -> None:
     console.print("| scenario | " + " | ".join(COLUMNS) + " |")
     for name in SCENARIOS:
         scenario = load_scenario(find_scenario(name))
-        world = World.from_map(make_map(scenario.map), scenario.task.noise_std_db)
+        world = World.from_map(build_map(scenario.map), scenario.task.noise_std_db)
         task = make_task(scenario.task, world.grid)
         policy = BoltzmannOfOptimum(world, task, scenario.evaluation.boltzmann_temperature)
         summary = exhaustive_summary(np.random.default_rng(0), world, task, policy)

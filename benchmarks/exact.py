@@ -17,7 +17,7 @@ import numpy as np
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, reached_share, score
 from cellpilot.evaluate.summary import Summary
-from cellpilot.experiment import make_map, make_task
+from cellpilot.experiment import build_map, make_task
 from cellpilot.learn.learner import Place
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
@@ -60,7 +60,7 @@ def main() -> int:
 
 def case(name: str, scenario: Scenario, seeds: range, changes: dict[str, Any], at_median: bool = False) -> None:
     """One line for the optimum, one for each seed."""
-    world = World.from_map(make_map(scenario.map), scenario.task.noise_std_db)
+    world = World.from_map(build_map(scenario.map), scenario.task.noise_std_db)
     task = make_task(scenario.task, world.grid)
     if at_median:
         task = replace(task, threshold_db=float(np.median(world.signal.mean_db)))

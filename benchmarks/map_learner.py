@@ -18,7 +18,7 @@ from rich.console import Console
 
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, reached_share, score
-from cellpilot.experiment import make_map, make_task
+from cellpilot.experiment import build_map, make_task
 from cellpilot.learn.algorithms.map_learner import MapLearner, learn_map
 from cellpilot.learn.algorithms.map_learner_settings import MapLearning
 from cellpilot.policies import GreedyPolicy, OptimalPolicy
@@ -85,7 +85,7 @@ def fly(name: str, settings: MapLearning, seed: int, seeds: dict[str, list[Row]]
     """One seed: figures at every checkpoint, over all pairs."""
     if name not in _YARDSTICKS:
         scenario = load_scenario(find_scenario(name))
-        world = World.from_map(make_map(scenario.map), scenario.task.noise_std_db)
+        world = World.from_map(build_map(scenario.map), scenario.task.noise_std_db)
         task = make_task(scenario.task, world.grid)
         yardsticks = (exhaustive_summary(None, world, task, p) for p in (GreedyPolicy(world), OptimalPolicy(world, task)))
         _YARDSTICKS[name] = (world, task, *yardsticks)

@@ -16,7 +16,7 @@ from cellpilot.learn.algorithms.ddqn_episode import LearnerState
 from cellpilot.learn.algorithms.ddqn_her import ALGORITHM, initial_state, optimize
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.learn.compile import compile_ahead
-from cellpilot.learn.compiled import fill_replay, train_chunk
+from cellpilot.learn.compiled import prepare_state, train_chunk
 from cellpilot.learn.learner import Place
 from cellpilot.maps import simulate_map
 from cellpilot.radio import hexagonal_deployment
@@ -88,7 +88,7 @@ def train_in_slices(case: Case, seed: int, episodes: int, slices: int) -> Iterat
     length = -(-episodes // slices)
     jax_seed, options = jnp.int32(seed), {"algorithm": ALGORITHM, "settings": case.settings, "task": case.task}
     began = time.perf_counter()
-    fill = compile_ahead(fill_replay, state, case.arena, jax_seed, **options)
+    fill = compile_ahead(prepare_state, state, case.arena, jax_seed, **options)
     train = compile_ahead(train_chunk, state, case.arena, jax_seed, jnp.int32(length), length=length, **options)
     compile_s = time.perf_counter() - began
 
@@ -112,7 +112,7 @@ def make_update(case: Case, rounds: int) -> Callable[[], float]:
     The replay memory is full (500,000 experiences), nothing is flown, and compilation is over before it is first called.
     """
     full = DDQNHER(replay_start=case.settings.replay_capacity)
-    state = fill_replay(
+    state = prepare_state(
         initial_state(full, case.arena, 0), case.arena, jnp.int32(0), algorithm=ALGORITHM, settings=full, task=case.task
     )
 

@@ -113,14 +113,14 @@ class Case:
 
 def make_case(learner: Learner, side: int) -> Case:
     """The learner's scenario with `side` cells along each side of the area; the points simulated are the same on every grid."""
-    from cellpilot.experiment import make_map, make_task
+    from cellpilot.experiment import build_map, make_task
     from cellpilot.learn.learner import Place
     from cellpilot.scenario import find_scenario, load_scenario
     from cellpilot.world import World
 
     scenario = load_scenario(find_scenario(learner.scenario))
     map_settings = scenario.map.model_copy(update={"bin_m": AREA_M / side, "points_per_side": max(1, 160 // side)})
-    world = World.from_map(make_map(map_settings), scenario.task.noise_std_db)
+    world = World.from_map(build_map(map_settings), scenario.task.noise_std_db)
     task = make_task(scenario.task, world.grid)
     return Case(world, task, scenario.learner, Place(world, task))
 

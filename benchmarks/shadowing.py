@@ -11,7 +11,7 @@ from rich.console import Console
 
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import low_sinr_share
-from cellpilot.experiment import make_map, make_task
+from cellpilot.experiment import build_map, make_task
 from cellpilot.policies import GreedyPolicy
 from cellpilot.scenario import find_scenario, load_scenario
 from cellpilot.world import World
@@ -26,7 +26,7 @@ def main() -> None:
         scenario = load_scenario(find_scenario(name))
         shares = []
         for seed in SEEDS:
-            radio_map = make_map(scenario.map.model_copy(update={"los": "sampled", "shadowing_seed": seed}))
+            radio_map = build_map(scenario.map.model_copy(update={"los": "sampled", "shadowing_seed": seed}))
             world = World.from_map(radio_map, scenario.task.noise_std_db)
             task = make_task(scenario.task, world.grid)
             summary = exhaustive_summary(np.random.default_rng(0), world, task, GreedyPolicy(world))

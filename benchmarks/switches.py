@@ -19,7 +19,7 @@ from exact import _error_of_q, show
 
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, score
-from cellpilot.experiment import make_map, make_task
+from cellpilot.experiment import build_map, make_task
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHERVariants
 from cellpilot.learn.learner import Place
 from cellpilot.learn.trainer import train_many
@@ -47,7 +47,7 @@ def main() -> int:
     parser.add_argument("--variants", nargs="*", default=list(VARIANTS), choices=VARIANTS)
     options = parser.parse_args()
     scenario = load_scenario(find_scenario("thesis-2d"))
-    world = World.from_map(make_map(scenario.map), scenario.task.noise_std_db)
+    world = World.from_map(build_map(scenario.map), scenario.task.noise_std_db)
     task = make_task(scenario.task, world.grid)
     show(f"{options.episodes} episodes, seeds 0-{options.seeds - 1}, {platform.machine()}, {datetime.now(UTC):%Y-%m-%d}")
     show("| variant | " + " | ".join(COLUMNS) + " | seconds (relative) |")

@@ -17,7 +17,7 @@ from rich.console import Console
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, score
 from cellpilot.evaluate.summary import Summary
-from cellpilot.experiment import make_map, make_task
+from cellpilot.experiment import build_map, make_task
 from cellpilot.learn.learner import Place
 from cellpilot.learn.trainer import train
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
@@ -44,7 +44,7 @@ def main() -> None:
     console.print("| map | cells | below | policy | goals reached | steps below | path ratio p90 | return | score |")
     console.print("|---|---|---|---|---|---|---|---|---|")
     for name, (task_of, near_exact, settings) in cases.items():
-        show(name, task_of, {"DDQN-HER": published, "FQI-HER": near_exact}, World.from_map(make_map(settings)), options.seeds)
+        show(name, task_of, {"DDQN-HER": published, "FQI-HER": near_exact}, World.from_map(build_map(settings)), options.seeds)
 
 
 def show(name: str, task_of: Scenario, learners: dict[str, Scenario], world: World, n_seeds: int) -> None:

@@ -19,7 +19,7 @@ from pydantic import Field
 from cellpilot.cli.console import out
 from cellpilot.evaluate import evaluate
 from cellpilot.evaluate.instances import sample_pairs
-from cellpilot.experiment import make_map, make_task, make_world
+from cellpilot.experiment import build_map, make_task, make_world
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.base import LearnerSettings
 from cellpilot.learn.in_turn import FlightRow, InTurn
@@ -113,7 +113,7 @@ class Table:
 def main() -> None:
     """Train on the quick scenario, and compare with baseline and optimum."""
     scenario = load_scenario(find_scenario("quick"))
-    radio_map = make_map(scenario.map)
+    radio_map = build_map(scenario.map)
     world = make_world(radio_map, scenario.task.noise_std_db, scenario.airspace)
     task = make_task(scenario.task, world.grid)
     result = train(QLearning(), Place(world, task), seed=0)

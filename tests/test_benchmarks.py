@@ -130,14 +130,14 @@ def test_simulation_tells_size_time_and_memory(monkeypatch: pytest.MonkeyPatch, 
 def test_three_maps_shows_greedy_optimum_and_learners(capsys: pytest.CaptureFixture[str]) -> None:
     import three_maps
 
-    from cellpilot.experiment import make_map
+    from cellpilot.experiment import build_map
     from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
     from cellpilot.scenario import Scenario, SimulatedMap
     from cellpilot.world import World
 
     learner = FQIHER(rounds=3, flights=8, updates_per_round=2, goals_per_round=4, cached_goals=16)
     scenario = Scenario(learner=learner)
-    world = World.from_map(make_map(SimulatedMap(bin_m=100.0, points_per_side=2)))
+    world = World.from_map(build_map(SimulatedMap(bin_m=100.0, points_per_side=2)))
     three_maps.show("small", scenario, {"hasty": scenario}, world, 2)
     rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines()]
     assert [row[3].split(",")[0] for row in rows] == ["greedy", "optimum", "hasty"]

@@ -18,10 +18,10 @@ from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, return_mean, score
 from cellpilot.evaluate.statistics import half_interval
 from cellpilot.evaluate.summary import Summary
-from cellpilot.experiment import make_map
+from cellpilot.experiment import build_map
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import learn_map, without_holes
-from cellpilot.learn.algorithms.map_learner_settings import MAX_CELLS, MapLearning
+from cellpilot.learn.algorithms.map_learner_settings import MOST_LEARNED_CELLS, MapLearning
 from cellpilot.maps.estimate.gaussian_process import Kernel
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, Policy
 from cellpilot.provenance import digest
@@ -109,7 +109,7 @@ def checkpoints_up_to(flights: int) -> list[int]:
 
 SHOWN_FLIGHTS = (0, 1, 3, 5, 10, 20, 50, 100, 200, 500, 1_000)
 """Numbers of flights with a row in the table."""
-FIGURES = ("score", "reached_share", "path_ratio_p90")
+ADAPT_FIGURES = ("score", "reached_share", "path_ratio_p90")
 """What is kept of each policy."""
 
 
@@ -121,7 +121,7 @@ def adapt(
     progress: Callable[[float], None] = lambda share: None,
     folder: Path | None = None,
 ) -> "xr.Dataset":
-    """`FIGURES` over `(arm, seed, flights)`, on all pairs of the true map.
+    """`ADAPT_FIGURES` over `(arm, seed, flights)`, on all pairs of the true map.
 
     With a `folder`, every finished curve is kept there, and one that is there need not be flown again.
     """
@@ -133,7 +133,7 @@ def adapt(
     if score(greedy, greedy, optimal) is None:
         raise InputError("on map B the optimum is no better than the shortest path: choose a threshold that part of it misses")
     checkpoints = checkpoints_up_to(flights)
-    found = np.empty((len(FIGURES), len(arms), n_seeds, len(checkpoints)))
+    found = np.empty((len(ADAPT_FIGURES), len(arms), n_seeds, len(checkpoints)))
     for i, seed in enumerate(range(n_seeds)):
         for j, name in enumerate(arms):
             within = lambda share, i=i, j=j: progress((i * len(arms) + j + share) / (n_seeds * len(arms)))
@@ -147,7 +147,7 @@ def adapt(
             within(1.0)
     dims = ("arm", "seed", "flights")
     return xr.Dataset(
-        {name: (dims, found[i], {"units": "1"}) for i, name in enumerate(FIGURES)},
+        {name: (dims, found[i], {"units": "1"}) for i, name in enumerate(ADAPT_FIGURES)},
         coords={"arm": list(arms), "seed": np.arange(n_seeds), "flights": checkpoints},
         attrs={
             "threshold_db": task.threshold_db,
@@ -170,13 +170,13 @@ def _curve(
     optimal: Summary,
     progress: Callable[[float], None],
 ) -> np.ndarray:
-    """`FIGURES` of one arm and seed `[figures, checkpoints]`; NaN where there is none."""
+    """`ADAPT_FIGURES` of one arm and seed `[figures, checkpoints]`; NaN where there is none."""
     columns: list[list[float]] = []
     scored: Policy | None = None
     for policy in ARMS[arm](transfer, seed, checkpoints):
         if policy is not scored:
             found = exhaustive_summary(None, transfer.truth, transfer.task, policy)
-            row = (score(found, greedy, optimal), *(METRICS[name].compute(found) for name in FIGURES[1:]))
+            row = (score(found, greedy, optimal), *(METRICS[name].compute(found) for name in ADAPT_FIGURES[1:]))
             scored = policy
         columns.append([np.nan if value is None else value for value in row])
         progress(len(columns) / len(checkpoints))
@@ -274,10 +274,10 @@ def _listed(numbers: list[int]) -> str:
 
 def read_place(text: str, bin_m: float) -> tuple[MapSettings, Scenario | None]:
     """What A or B names: a RadioMap file (.nc, .zarr, .tif), a measured log (.csv), or a scenario by file or name."""
-    from cellpilot.maps.files import FORMATS
+    from cellpilot.maps.files import MAP_FORMATS
 
     suffix = Path(text).suffix.lower()
-    if suffix in FORMATS and suffix != ".csv":
+    if suffix in MAP_FORMATS and suffix != ".csv":
         return MapFile(path=Path(text)), None
     if suffix == ".csv":
         return MeasuredMap(logs=(Path(text),), bin_m=bin_m, fill_radius_m=WHOLE_AREA_M), None
@@ -293,7 +293,7 @@ def make_transfer_maps(a: MapSettings, b: MapSettings, calibration: MapSettings 
     `calibration` (a map of the same network that is known beforehand, such as another height), a constant is added to
     A that makes its mean that of the calibration. `InputError` if the grids cannot be brought together.
     """
-    map_b = make_map(b)
+    map_b = build_map(b)
     map_a = _beside(a, map_b)
     if calibration is not None:
         known = _beside(calibration, map_b)["sinr_db"].values
@@ -316,8 +316,8 @@ def _beside(settings: MapSettings, other: "RadioMap") -> "RadioMap":
             "bin_m": float(2 * half_m),
             "heights_m": tuple(float(z) for z in other["z"].values),
         }
-        return make_map(settings.changed(**on_grid))
-    return make_map(settings, anchor_of(other))
+        return build_map(settings.changed(**on_grid))
+    return build_map(settings, anchor_of(other))
 
 
 def common_grid(map_a: "RadioMap", map_b: "RadioMap") -> tuple["RadioMap", "RadioMap"]:
@@ -360,8 +360,10 @@ def make_transfer(map_a: "RadioMap", map_b: "RadioMap", task: Task, noise_std_db
     What is uncertain about a measured B is set aside: its map is the truth. `InputError` for a map that is too large.
     """
     truth = World.from_map(map_b, noise_std_db)
-    if truth.grid.n_cells > MAX_CELLS:
-        raise InputError(f"the maps have {truth.grid.n_cells:,} cells; adapt can hold {MAX_CELLS:,}: use larger bins or a part")
+    if truth.grid.n_cells > MOST_LEARNED_CELLS:
+        raise InputError(
+            f"the maps have {truth.grid.n_cells:,} cells; adapt can hold {MOST_LEARNED_CELLS:,}: use larger bins or a part"
+        )
     truth = replace(truth, signal=replace(truth.signal, unknown=None))
     prepared_db = without_holes(truth.grid, map_a["sinr_db"].values.ravel().astype(np.float64), task.threshold_db)
     prepared = replace(truth, signal=replace(truth.signal, mean_db=prepared_db.astype(np.float32)))

@@ -25,7 +25,7 @@ from cellpilot.envs.goal_env import GoalEnv
 from cellpilot.envs.goal_rules import place_of
 from cellpilot.envs.vector_env import GoalVectorEnv
 from cellpilot.errors import InputError
-from cellpilot.experiment import make_map, make_task, make_world
+from cellpilot.experiment import build_map, make_task, make_world
 from cellpilot.maps import RadioMap, load_map
 from cellpilot.scenario import AirspaceSettings, TaskSettings, describe, find_scenario, load_scenario
 
@@ -111,7 +111,7 @@ def _facts(
 @lru_cache(maxsize=8)
 def _scenario_map(name: str) -> RadioMap:
     # Simulated once: a vector environment in Gymnasium's other modes makes its flights one by one.
-    return make_map(load_scenario(find_scenario(name)).map)
+    return build_map(load_scenario(find_scenario(name)).map)
 
 
 def _register() -> None:

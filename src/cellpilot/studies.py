@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 VARIANTS = {"DQN": (False, False), "DDQN": (True, False), "DQN+HER": (False, True), "DDQN+HER": (True, True)}
 """Figure 5.19: name -> (double, hindsight)."""
 
-PUBLISHED = "ddqn-her"
+SWITCHED_LEARNER = "ddqn-her"
 """The thesis's algorithm, which alone has these two switches."""
 
 EARLY_EPISODES = 3_000
@@ -40,8 +40,8 @@ def check_ablation(scenario: Scenario) -> None:
     """`InputError` if the scenario's learner has no double learning and hindsight to switch off."""
     if not isinstance(scenario.learner, DDQNHER):
         raise InputError(
-            f"the ablation switches double learning and hindsight of {PUBLISHED}, but {scenario.name} trains "
-            f"{scenario.learner.algorithm}: add --learner.algorithm {PUBLISHED}"
+            f"the ablation switches double learning and hindsight of {SWITCHED_LEARNER}, but {scenario.name} trains "
+            f"{scenario.learner.algorithm}: add --learner.algorithm {SWITCHED_LEARNER}"
         )
 
 

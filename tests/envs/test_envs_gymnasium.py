@@ -17,8 +17,8 @@ from cellpilot.airspace import STOPPED
 from cellpilot.envs.goal_env import GoalEnv
 from cellpilot.envs.vector_env import GoalVectorEnv
 from cellpilot.errors import InputError
-from cellpilot.experiment import make_map, make_task
-from cellpilot.maps import make_map as map_of
+from cellpilot.experiment import build_map, make_task
+from cellpilot.maps import build_map as map_of
 from cellpilot.maps import save_map
 from cellpilot.scenario import find_scenario, load_scenario
 from cellpilot.task import Task, Transition
@@ -69,7 +69,7 @@ def test_the_checker_of_sb3_is_content(made: gymnasium.Env) -> None:
 @pytest.mark.parametrize(("name", "scenario"), cellpilot.gym.SCENARIOS.items())
 def test_named_environments_are_the_shipped_scenarios(name: str, scenario: str) -> None:
     settings = load_scenario(find_scenario(scenario))
-    world = World.from_map(make_map(settings.map), settings.task.noise_std_db)
+    world = World.from_map(build_map(settings.map), settings.task.noise_std_db)
     for env in (gymnasium.make(name).unwrapped, gymnasium.make_vec(name, num_envs=3)):
         assert isinstance(env, GoalEnv | GoalVectorEnv)
         assert_array_equal(env.rules.world.signal.mean_db, world.signal.mean_db)

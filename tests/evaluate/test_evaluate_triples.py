@@ -33,7 +33,7 @@ from cellpilot.learn.hindsight import hindsight_goals
 from cellpilot.learn.losses import q_learning_target
 from cellpilot.learn.n_step import outcome_of_steps
 from cellpilot.learn.pair_network import PairNetwork
-from cellpilot.learn.penalty import Measurements, measure, no_measurements, penalty_model
+from cellpilot.learn.penalty import CellMeasurements, measure, no_measurements, penalty_model
 from cellpilot.learn.replay import Experience, Replay
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, Policy, RandomPolicy
 from cellpilot.policies.base import one_hot
@@ -96,7 +96,7 @@ class Case:
         return (part == part[self.goal]) & (np.arange(part.size) != self.goal)
 
     def measured_db(self, n: int) -> np.ndarray:
-        """Measurements `[n, n_cells]`, each of a map and a noise of its own."""
+        """CellMeasurements `[n, n_cells]`, each of a map and a noise of its own."""
         rng, size = np.random.default_rng(5), (n, self.world.grid.n_cells)
         noise_db = self.world.signal.noise_std_db * rng.standard_normal(size, np.float32)
         return self.world.signal.mean_db + self.world.signal.unknown.draw(rng.standard_normal(size, np.float32)) + noise_db
@@ -357,7 +357,7 @@ def test_the_target_of_ddqn_her_is_the_expected_one_on_average(case: Case, n_ste
 
 
 @pytest.fixture(scope="module")
-def measured(case: Case) -> tuple[Case, Measurements]:
+def measured(case: Case) -> tuple[Case, CellMeasurements]:
     """The triple without rewards of its own, which FQI-HER refuses, and 2,000 measurements of every cell."""
     cells = jnp.arange(case.world.grid.n_cells)
     add = lambda memory, sinr_db: (measure(memory, cells, sinr_db), None)
@@ -370,7 +370,7 @@ def network_of(case: Case) -> PairNetwork:
 
 
 def test_the_targets_of_fqi_her_with_a_penalty_model_are_the_values_of_drawn_rewards(
-    measured: tuple[Case, Measurements],
+    measured: tuple[Case, CellMeasurements],
 ) -> None:
     case, memory = measured
     learned = np.asarray(jax.jit(penalty_model, static_argnums=1)(memory, case.task.threshold_db))
@@ -384,7 +384,7 @@ def test_the_targets_of_fqi_her_with_a_penalty_model_are_the_values_of_drawn_rew
 
 
 def test_the_targets_of_fqi_her_without_a_model_are_the_expected_ones_on_average(
-    measured: tuple[Case, Measurements],
+    measured: tuple[Case, CellMeasurements],
 ) -> None:
     """The value of entering a cell: what entering earns, and the best further move with the network behind it."""
     case, memory = measured

@@ -5,7 +5,7 @@ from functools import cache
 import pytest
 
 from cellpilot.evaluate import evaluate
-from cellpilot.experiment import make_map, make_policies, make_task
+from cellpilot.experiment import build_map, make_policies, make_task
 from cellpilot.scenario import RewardSettings, SimulatedMap
 from cellpilot.world import World
 
@@ -14,7 +14,7 @@ HEIGHTS_3D_M = (20.0, 40.0, 60.0, 80.0, 100.0)
 
 @cache
 def figures(heights_m: tuple[float, ...], noise_std_db: float, names: tuple[str, ...]) -> dict[str, dict[str, float]]:
-    world = World.from_map(make_map(SimulatedMap(heights_m=heights_m)), noise_std_db)
+    world = World.from_map(build_map(SimulatedMap(heights_m=heights_m)), noise_std_db)
     task = make_task(RewardSettings(noise_std_db=noise_std_db), world.grid)
     policies = [policy for policy in make_policies(world, task, 0.1, None) if policy.name in names]
     return evaluate(world, task, policies, seed=0, n_sampled=10).policies

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cellpilot.errors import InputError
-from cellpilot.experiment import holdout_of, layout_warning, log_options, make_map, make_measured_map, make_sites, maps
+from cellpilot.experiment import build_map, holdout_of, layout_warning, log_options, make_measured_map, make_sites, maps
 from cellpilot.maps import Anchor, anchor_of, save_map, simulate_map, write_sites
 from cellpilot.maps.sources import simulated
 from cellpilot.radio import ColumnAntenna, Deployment, hexagonal_deployment, simulate
@@ -110,11 +110,11 @@ def test_a_site_list_is_taken_as_it_is(tmp_path: Path) -> None:
 
 def test_progress_rises_from_above_nothing_to_one_and_strips_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = SimulatedMap(heights_m=(30.0, 60.0), points_per_side=2, shadowing_seed=1)
-    whole = make_map(settings)
+    whole = build_map(settings)
     shares: list[float] = []
     # 20 rows of 20 x 2 x 4 points: three rows a strip.
     monkeypatch.setattr(simulated, "STRIP_POINTS", 500)
-    in_strips = make_map(settings, progress=shares.append)
+    in_strips = build_map(settings, progress=shares.append)
     assert shares == pytest.approx([0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0])
     assert in_strips.identical(whole)
 
@@ -122,21 +122,21 @@ def test_progress_rises_from_above_nothing_to_one_and_strips_change_nothing(monk
 def test_many_sectors_are_simulated_in_narrower_strips(monkeypatch: pytest.MonkeyPatch) -> None:
     shares: list[float] = []
     monkeypatch.setattr(simulated, "STRIP_LEVELS", 21 * 20 * 5)
-    make_map(SimulatedMap(points_per_side=1), progress=shares.append)
+    build_map(SimulatedMap(points_per_side=1), progress=shares.append)
     assert shares == pytest.approx([0.25, 0.5, 0.75, 1.0])
 
 
 def test_too_many_sectors_for_the_memory_leave_their_powers_out(monkeypatch: pytest.MonkeyPatch) -> None:
     small = SimulatedMap(points_per_side=1)
-    with_powers = make_map(small)
+    with_powers = build_map(small)
     monkeypatch.setattr(simulated, "MAX_RSRP_VALUES", 21 * 400 - 1)
-    without = make_map(small)
+    without = build_map(small)
     assert "rsrp_dbm" in with_powers
     assert without.identical(with_powers.drop_vars("rsrp_dbm"))
 
 
 def test_the_power_of_every_sector_is_that_of_the_radio_model() -> None:
-    radio_map = make_map(SimulatedMap(points_per_side=1, bin_m=100.0, heights_m=(30.0, 80.0)))
+    radio_map = build_map(SimulatedMap(points_per_side=1, bin_m=100.0, heights_m=(30.0, 80.0)))
     x_m, y_m, z_m = (radio_map[axis].values for axis in "xyz")
     received = simulate(hexagonal_deployment(), x_m, y_m[:, None], z_m[:, None, None], every_sector=True)
     np.testing.assert_allclose(radio_map["rsrp_dbm"].values, received.sector_rsrp_dbm, atol=1e-4)
@@ -157,16 +157,16 @@ def test_sites_of_the_layout_have_no_names_and_those_of_a_list_their_own(tmp_pat
     assert read.deployment.antenna == (antenna,) * 3
     # The anchor lies 111 m north of the mast.
     assert read.deployment.y_m == pytest.approx(-111.2, abs=0.2)
-    radio_map = make_map(settings)
+    radio_map = build_map(settings)
     assert radio_map["sector_name"].values.tolist() == list(names)
     assert anchor_of(radio_map) == read.anchor
 
 
 def test_a_map_file_is_read_and_logs_are_gridded(tmp_path: Path) -> None:
-    made = make_map(SimulatedMap(points_per_side=1))
+    made = build_map(SimulatedMap(points_per_side=1))
     save_map(made, tmp_path / "map.nc")
-    assert make_map(MapFile(path=tmp_path / "map.nc")).identical(made)
-    logged = make_map(MeasuredMap(logs=LOGS, bin_m=80.0), Anchor(*SEA))
+    assert build_map(MapFile(path=tmp_path / "map.nc")).identical(made)
+    logged = build_map(MeasuredMap(logs=LOGS, bin_m=80.0), Anchor(*SEA))
     assert anchor_of(logged) == Anchor(*SEA)
     assert logged["z"].values.tolist() == [30.0, 50.0]
 
@@ -194,7 +194,7 @@ def masts(tmp_path: Path) -> Path:
 
 def test_a_trend_comes_from_the_sites_and_reaches_the_holes(masts: Path) -> None:
     settings = MeasuredMap(logs=LOGS[:1], bin_m=80.0, fill="gaussian-process", fill_radius_m=120.0)
-    plain, with_trend = (make_map(each) for each in (settings, settings.model_copy(update={"trend": masts})))
+    plain, with_trend = (build_map(each) for each in (settings, settings.model_copy(update={"trend": masts})))
     filled = plain["filled"].values
     assert filled.sum() > 3
     assert (with_trend["filled"].values == filled).all()

@@ -121,7 +121,7 @@ def test_the_policy_flies_on_numpy_as_it_was_trained(model: bool, tmp_path) -> N
     found = load_parameters(tmp_path / "p.safetensors").values(world.grid, goals)
     penalty = penalty_model(result.state.memory, task.threshold_db) if model else None
     arena, cells = make_arena(world), jnp.arange(world.grid.n_cells)
-    values = jax.jit(lambda goal: fqi_her.action_values(result.state.average, arena, task, penalty, cells, goal))
+    values = jax.jit(lambda goal: fqi_her.flying_values(result.state.average, arena, task, penalty, cells, goal))
     for column, goal in enumerate(goals):
         expected = values(jnp.full_like(cells, goal))
         assert np.abs(found[:, column] - np.asarray(expected)).max() < 1e-4

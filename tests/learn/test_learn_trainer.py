@@ -17,7 +17,7 @@ from cellpilot.learn.algorithms.ddqn_episode import LearnerState, collect, explo
 from cellpilot.learn.algorithms.ddqn_her import ALGORITHM, initial_state, optimize
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
 from cellpilot.learn.checkpoint import load_state, named_leaves, save_state
-from cellpilot.learn.compiled import fill_replay, train_chunk
+from cellpilot.learn.compiled import prepare_state, train_chunk
 from cellpilot.learn.learner import Place
 from cellpilot.learn.losses import q_learning_target
 from cellpilot.learn.networks import QNetwork
@@ -227,7 +227,7 @@ def test_a_training_that_diverges_says_so(place: Place) -> None:
 @pytest.fixture(scope="module")
 def filled(arena: Arena) -> LearnerState:
     """Fresh networks and the memory after the random flights; not to be donated."""
-    return fill_replay(initial_state(SMALL, arena, 3), arena, jnp.int32(3), algorithm=ALGORITHM, settings=SMALL, task=TASK)
+    return prepare_state(initial_state(SMALL, arena, 3), arena, jnp.int32(3), algorithm=ALGORITHM, settings=SMALL, task=TASK)
 
 
 def copy(state: LearnerState) -> LearnerState:
@@ -247,7 +247,7 @@ def test_random_flights_choose_every_action_alike(arena: Arena) -> None:
     settings = VARIANT.changed(replay_capacity=60_000, replay_start=40_000, hindsight=False)
     fresh = ddqn_her_variants.initial_state(settings, arena, 0)
     bound = {"algorithm": ddqn_her_variants.ALGORITHM, "settings": settings, "task": TASK}
-    state = fill_replay(fresh, arena, jnp.int32(0), **bound)
+    state = prepare_state(fresh, arena, jnp.int32(0), **bound)
     n = int(state.replay.size)
     assert n == int(state.env_steps)
     share = np.bincount(np.asarray(state.replay.experiences.transition.action[:n]), minlength=4) / n

@@ -99,7 +99,7 @@ def test_both_ways_are_one_along_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_map_that_is_too_large_says_so_and_takes_the_length_of_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(posterior, "EXACT_CELLS", 10)
-    monkeypatch.setattr(posterior, "MOST_CELLS", 35)
+    monkeypatch.setattr(posterior, "MOST_POSTERIOR_CELLS", 35)
     large = filled()
     with pytest.raises(InputError, match=r"36 cells, .* are too many .* remove the attribute fill_kernel"):
         World.from_map(large)

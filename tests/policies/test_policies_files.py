@@ -13,7 +13,7 @@ from safetensors.numpy import load_file, save_file
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
 from cellpilot.policies import PolicyParameters, load_parameters, pair_value
-from cellpilot.policies.learned import FORMAT, save_parameters
+from cellpilot.policies.learned import POLICY_FORMAT, save_parameters
 from cellpilot.scenario import SHIPPED
 from cellpilot.task import Task
 
@@ -61,7 +61,7 @@ def test_a_right_policy_is_read_and_flies(tmp_path: Path, architecture: str, dim
 
 def write(path: Path, tensors: Tensors, header: Any) -> None:
     """A file without a checksum, as somebody else writes it."""
-    save_file(tensors, path, metadata={FORMAT: header if isinstance(header, str) else json.dumps(header)})
+    save_file(tensors, path, metadata={POLICY_FORMAT: header if isinstance(header, str) else json.dumps(header)})
 
 
 def first(tensors: Tensors) -> str:
@@ -184,5 +184,5 @@ def test_values_computed_for_some_goals_at_a_time_are_the_same(architecture: str
     grid = Grid(*(tuple(20.0 * i for i in range(side)) for side in GRIDS[2]))
     whole = parameters.values(grid, np.arange(grid.n_cells))
     monkeypatch.setattr(learned, "MOST_VALUES", 100)
-    monkeypatch.setattr(pair_value, "MOST_PAIRS", 12)
+    monkeypatch.setattr(pair_value, "MOST_PAIRS_VALUED", 12)
     np.testing.assert_allclose(parameters.values(grid, np.arange(grid.n_cells)), whole, rtol=1e-5, atol=1e-6)

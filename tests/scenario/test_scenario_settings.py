@@ -12,7 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 from cellpilot.errors import InputError
-from cellpilot.experiment import fingerprint, make_deployment, make_map, make_task
+from cellpilot.experiment import build_map, fingerprint, make_deployment, make_task
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
 from cellpilot.policies import PolicyParameters
@@ -126,7 +126,7 @@ def test_the_tables_below_miss_no_setting() -> None:
 
 @pytest.mark.parametrize("name", CHANGED_MAP)
 def test_every_setting_of_a_simulated_map_changes_the_map(name: str) -> None:
-    before, after = make_map(SMALL), make_map(SMALL.model_copy(update={name: CHANGED_MAP[name]}))
+    before, after = build_map(SMALL), build_map(SMALL.model_copy(update={name: CHANGED_MAP[name]}))
     assert not before[["sinr_db"]].equals(after[["sinr_db"]])
 
 
@@ -163,7 +163,7 @@ def test_the_published_learner_has_no_switch_and_the_variants_have_all_its_setti
 
 @pytest.mark.parametrize("section", ["task", "learner"])
 def test_a_changed_setting_changes_the_fingerprint_of_a_training(section: str) -> None:
-    world = World.from_map(make_map(SMALL))
+    world = World.from_map(build_map(SMALL))
     base = Scenario(learner=DDQNHERVariants(initial_exploration=0.9))
     changes = (
         CHANGED_TASK | {"noise_std_db": 1.0, "start": (0, 0, 0), "goal": (1, 1, 0)} if section == "task" else CHANGED_LEARNER
@@ -188,14 +188,14 @@ def log(tmp_path: Path) -> Path:
     [("altitude_m", 44.0), ("bin_m", 50.0), ("fill_radius_m", 0.0), ("mask", "none"), ("unknown", "bad")],
 )
 def test_every_setting_of_a_measured_map_changes_the_map(log: Path, name: str, value: object) -> None:
-    before = make_map(MeasuredMap(logs=(log,)))
-    after = make_map(MeasuredMap(logs=(log,), **{name: value}))
+    before = build_map(MeasuredMap(logs=(log,)))
+    after = build_map(MeasuredMap(logs=(log,), **{name: value}))
     assert not before.equals(after)
 
 
 def test_two_logs_are_two_heights(log: Path) -> None:
     other = shutil.copy(log, log.with_name("70m.csv"))
-    assert make_map(MeasuredMap(logs=(log, Path(other))))["z"].values.tolist() == [30.0, 70.0]
+    assert build_map(MeasuredMap(logs=(log, Path(other))))["z"].values.tolist() == [30.0, 70.0]
 
 
 @pytest.fixture(scope="session")
@@ -238,7 +238,7 @@ def test_every_setting_of_task_and_evaluation_changes_the_figures(
 
 
 def test_how_the_errors_of_a_map_hang_together_changes_the_fingerprint_of_a_training() -> None:
-    world = World.from_map(make_map(SMALL))
+    world = World.from_map(build_map(SMALL))
     grid, std_db = world.grid, np.full(world.grid.n_cells, 3.0, np.float32)
     marks = set()
     for correlation_m, common_std_db in ((0.0, 0.0), (50.0, 0.0), (50.0, 1.0), (50.0, 2.0)):

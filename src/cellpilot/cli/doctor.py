@@ -61,10 +61,10 @@ def _jax() -> str:
 
 
 def _radio() -> str:
-    from cellpilot.experiment import make_map
+    from cellpilot.experiment import build_map
     from cellpilot.scenario import SimulatedMap
 
-    sinr_db = make_map(SimulatedMap(bin_m=100.0, points_per_side=2))["sinr_db"]
+    sinr_db = build_map(SimulatedMap(bin_m=100.0, points_per_side=2))["sinr_db"]
     return f"{sinr_db.size} cells simulated, {float(sinr_db.min()):.1f} to {float(sinr_db.max()):.1f} dB"
 
 
@@ -72,13 +72,13 @@ def _files() -> str:
     import tempfile
     from pathlib import Path
 
-    from cellpilot.experiment import make_map
+    from cellpilot.experiment import build_map
     from cellpilot.maps import load_map, save_map
     from cellpilot.scenario import SimulatedMap
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.nc"
-        radio_map = make_map(SimulatedMap(bin_m=200.0, points_per_side=1))
+        radio_map = build_map(SimulatedMap(bin_m=200.0, points_per_side=1))
         save_map(radio_map, path)
         if not load_map(path).equals(radio_map):
             raise ValueError("a map written and read back differs")

@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field, ValidationError
 from cellpilot.errors import InputError
 from cellpilot.scenario import (
     LEARNERS,
-    PUBLISHED,
+    PUBLISHED_LEARNER,
     SHIPPED,
     AirspaceSettings,
     AnyLearner,
@@ -47,7 +47,7 @@ class ScenarioOptions(Settings):
     map: MapSettings = SimulatedMap()
     task: TaskSettings = TaskSettings()
     airspace: AirspaceSettings = AirspaceSettings()
-    learner: AnyLearner = PUBLISHED
+    learner: AnyLearner = PUBLISHED_LEARNER
 
 
 InScenario = TypeVar("InScenario", bound=ScenarioOptions)

@@ -12,7 +12,7 @@ from pydantic import Field
 from cellpilot.cli.console import out, warn
 from cellpilot.cli.options import HELP, parse
 from cellpilot.errors import InputError
-from cellpilot.experiment import make_map, make_task, make_world, shipped_policy, threshold_warning
+from cellpilot.experiment import build_map, make_task, make_world, shipped_policy, threshold_warning
 from cellpilot.maps import RadioMap, anchor_of, load_map, to_degrees, to_local
 from cellpilot.plan.route import Route, parse_place, plan_route, route_payload
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy, PolicyParameters
@@ -89,7 +89,7 @@ def _load(source: str) -> tuple[RadioMap, RewardSettings, AirspaceSettings, Poli
     if path.suffix == ".toml" or (SHIPPED / f"{source}.toml").is_file():
         file = find_scenario(source)
         scenario = load_scenario(file)
-        return make_map(scenario.map), scenario.task, scenario.airspace, shipped_policy(file)
+        return build_map(scenario.map), scenario.task, scenario.airspace, shipped_policy(file)
     return load_map(path), RewardSettings(), AirspaceSettings(), None
 
 

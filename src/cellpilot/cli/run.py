@@ -53,7 +53,7 @@ class ResumeOptions(Settings):
 def main(arguments: Sequence[str]) -> int:
     """Verb `run`."""
     with ExitStack() as held:
-        runs = prepare(arguments, "run", "Make the map, train, evaluate and write the report.", held)
+        runs = prepare_runs(arguments, "run", "Make the map, train, evaluate and write the report.", held)
         if train_with_bar(runs) is None:
             return 130
         _evaluate_and_report(runs)
@@ -79,7 +79,7 @@ def _evaluate_and_report(runs: Sequence[Run]) -> None:
         out.print(policies_over_seeds(figures))
 
 
-def prepare(arguments: Sequence[str], verb: str, description: str, held: ExitStack) -> list[Run]:
+def prepare_runs(arguments: Sequence[str], verb: str, description: str, held: ExitStack) -> list[Run]:
     """The runs to train, one per seed: new folders, or those named by `--resume`; all are held until `held` ends."""
     if any(argument.startswith("--resume") for argument in arguments):
         _refuse_settings(arguments, verb)

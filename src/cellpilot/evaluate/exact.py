@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.airspace import ENTERED, MOVED
+from cellpilot.array_types import FloatArray
 from cellpilot.evaluate.flights import Departures, longest_outages
 from cellpilot.evaluate.instances import all_pairs, count_pairs
 from cellpilot.evaluate.summary import Summary, expected_sinr_histogram, longest_shortest_path, steps_by_height
@@ -25,8 +26,6 @@ from cellpilot.grid import IntArray, Position
 from cellpilot.policies import Policy
 from cellpilot.task import Task
 from cellpilot.world import World
-
-FloatArray = NDArray[np.float64]
 
 GOALS_AT_ONCE = 40
 MOST_PAIRS = 4_000_000

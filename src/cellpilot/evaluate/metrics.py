@@ -162,7 +162,7 @@ class Interval(NamedTuple):
 
 
 Of = TypeVar("Of")
-Form = Literal["percent", "number", "score", "steps", "list"]
+MetricForm = Literal["percent", "number", "score", "steps", "list"]
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class Metric(Generic[Of]):
     unit: str
     """Of the number in the JSON; "1" for a share or a ratio."""
     long_name: str
-    form: Form
+    form: MetricForm
     """How people read it: a share is written in percent; a list has no column in the tables."""
     terminal: Literal["", "routes", "network"] = ""
     """Which table of `evaluate` in the terminal has a column of it."""

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from cellpilot.array_types import FloatArray
 from cellpilot.evaluate.statistics import weighted_quantile
 from cellpilot.grid import IntArray
 from cellpilot.settings import NonNegative, Positive, Settings
 from cellpilot.signal import UNHEARD_DBM
 from cellpilot.world import World
 
-FloatArray = NDArray[np.float64]
 NEVER = np.inf
 AHEAD_DB = 1e-9
 """Two sectors that cross are equally strong but for rounding: neither is ahead."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cellpilot.radio import Deployment
 
 
-def make_map(
+def build_map(
     settings: MapSettings, anchor: "Anchor | None" = None, progress: Callable[[float], None] = lambda share: None
 ) -> "RadioMap":
     """The radio map a scenario asks for: simulated, imported or read. `anchor` is where the local metres of a log begin."""

@@ -7,7 +7,7 @@ from cellpilot.policies.pair_value import ARCHITECTURE
 from cellpilot.task import Task
 from cellpilot.world import World
 
-MOST_PAIRS = 1_000_000
+MOST_PAIRS_LOOKED_AT = 1_000_000
 """Pairs of cell and goal whose values are looked at together."""
 
 
@@ -25,7 +25,7 @@ def threshold_warning(world: World, threshold_db: float) -> str | None:
 def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -> str | None:
     """A sentence if the learned values, looked at for some goals, lie outside what any flight can earn."""
     goals = world.airspace.free_cells[:: max(1, len(world.airspace.free_cells) // 50)]
-    at_once = max(1, MOST_PAIRS // world.grid.n_cells)
+    at_once = max(1, MOST_PAIRS_LOOKED_AT // world.grid.n_cells)
     least, greatest = task.value_bounds(world.airspace.ends)
     lowest, highest = np.inf, -np.inf
     for i in range(0, len(goals), at_once):

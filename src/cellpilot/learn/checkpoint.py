@@ -13,8 +13,8 @@ from cellpilot.learn.networks import QNetwork
 from cellpilot.policies.learned import PolicyParameters
 from cellpilot.storage import load_tensors, save_tensors
 
-FORMAT = "cellpilot-state-2"
-HEADER = {"fingerprint", "seed", "train_wall_s"}
+STATE_FORMAT = "cellpilot-state-2"
+STATE_HEADER = {"fingerprint", "seed", "train_wall_s"}
 State = TypeVar("State")
 
 
@@ -22,7 +22,7 @@ def save_state(path: Path, state: Any, history: dict[str, np.ndarray], about: di
     """Write state, history and description atomically: an interrupted save leaves the previous file."""
     tensors = {f"state.{name}": np.asarray(leaf) for name, leaf in named_leaves(state).items()}
     tensors |= {f"history.{name}": np.ascontiguousarray(column) for name, column in history.items()}
-    save_tensors(path, tensors, FORMAT, about)
+    save_tensors(path, tensors, STATE_FORMAT, about)
 
 
 def load_state(path: Path, template: State, identity: dict[str, Any]) -> tuple[State, dict[str, np.ndarray], dict[str, Any]]:
@@ -30,7 +30,7 @@ def load_state(path: Path, template: State, identity: dict[str, Any]) -> tuple[S
 
     `InputError` for a damaged file, one whose description differs from `identity`, or whose tensors do not fit.
     """
-    tensors, about = load_tensors(path, FORMAT, HEADER, "delete it to train from the start")
+    tensors, about = load_tensors(path, STATE_FORMAT, STATE_HEADER, "delete it to train from the start")
     try:
         about = {"fingerprint": about["fingerprint"], "seed": about["seed"], "train_wall_s": float(about["train_wall_s"])}
     except (KeyError, TypeError, ValueError) as error:

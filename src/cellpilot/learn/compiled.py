@@ -26,7 +26,7 @@ class CompiledAlgorithm:
     """Functions of an algorithm as compiled code runs them; `settings` are static, `state` is a pytree."""
 
     initial_state: Callable[..., Any]  # (settings, arena, seed) -> state
-    fill_replay: Callable[..., Any] | None  # (key, settings, arena, task, state) -> state, before the first round
+    prepare_state: Callable[..., Any] | None  # (key, settings, arena, task, state) -> state, before the first round
     run_round: Callable[..., Any]  # (key, settings, arena, task, state) -> (state, row of statistics)
     empty_rows: Callable[[int], Any]  # length -> rows, a dataclass with at least episode_return and reached `[length]`
     exploration_at: Callable[..., Array]  # (settings, round `[...]`) -> `[...]`
@@ -61,12 +61,12 @@ def train_chunk(
 
 
 @partial(jax.jit, static_argnames=("algorithm", "settings", "task"), donate_argnames="state")
-def fill_replay(
+def prepare_state(
     state: Any, arena: Arena, seed: Int[Array, ""], *, algorithm: CompiledAlgorithm, settings: Any, task: Task
 ) -> Any:
     """The state with what the algorithm stores before its first round."""
-    assert algorithm.fill_replay is not None
-    return algorithm.fill_replay(learning_key(seed, Learning.REPLAY_START), settings, arena, task, state)
+    assert algorithm.prepare_state is not None
+    return algorithm.prepare_state(learning_key(seed, Learning.REPLAY_START), settings, arena, task, state)
 
 
 @dataclass(frozen=True)
@@ -88,9 +88,9 @@ class CompiledLearner:
 
     def preparation(self, state: Any) -> Callable[[Any, int], Any] | None:
         """The compiled filling of the replay memory, where the algorithm has one."""
-        if self.algorithm.fill_replay is None:
+        if self.algorithm.prepare_state is None:
             return None
-        fill = compile_ahead(fill_replay, state, self.arena, jnp.int32(0), **self._bound)
+        fill = compile_ahead(prepare_state, state, self.arena, jnp.int32(0), **self._bound)
         return lambda state, seed: jax.block_until_ready(fill(state, self.arena, jnp.int32(seed)))
 
     def program(self, states: Sequence[Any], seeds: Sequence[int], length: int) -> "CompiledProgram":

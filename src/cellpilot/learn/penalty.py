@@ -15,7 +15,7 @@ SPREAD_COUNT = 10.0
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Measurements:
+class CellMeasurements:
     """Sums over all measurements of a cell, relative to its first one so that equal ones cancel exactly, and the last few."""
 
     count: Int[Array, " cells"]
@@ -25,13 +25,13 @@ class Measurements:
     last_db: Float[Array, "cells stored"]
 
 
-def no_measurements(n_cells: int, stored: int) -> Measurements:
+def no_measurements(n_cells: int, stored: int) -> CellMeasurements:
     """Nothing measured yet."""
     zero = jnp.zeros(n_cells)
-    return Measurements(jnp.zeros(n_cells, jnp.int32), zero, zero, zero, jnp.zeros((n_cells, stored)))
+    return CellMeasurements(jnp.zeros(n_cells, jnp.int32), zero, zero, zero, jnp.zeros((n_cells, stored)))
 
 
-def measure(memory: Measurements, cell: Int[Array, " flights"], sinr_db: Float[Array, " flights"]) -> Measurements:
+def measure(memory: CellMeasurements, cell: Int[Array, " flights"], sinr_db: Float[Array, " flights"]) -> CellMeasurements:
     """Add one measurement of each flight."""
     sinr_db = jnp.maximum(sinr_db, LEAST_DB)
     seen = memory.count[cell] > 0
@@ -40,7 +40,7 @@ def measure(memory: Measurements, cell: Int[Array, " flights"], sinr_db: Float[A
     place = memory.count[cell] % memory.last_db.shape[1]
     # Flights that enter one cell together share a place; what they skip holds the first measurement, never nothing.
     last_db = memory.last_db.at[cell].set(jnp.where(seen[:, None], memory.last_db[cell], sinr_db[:, None]))
-    return Measurements(
+    return CellMeasurements(
         memory.count.at[cell].add(1),
         first_db,
         memory.sum_db.at[cell].add(relative_db),
@@ -49,7 +49,7 @@ def measure(memory: Measurements, cell: Int[Array, " flights"], sinr_db: Float[A
     )
 
 
-def penalty_model(memory: Measurements, threshold_db: float) -> Float[Array, " cells"]:
+def penalty_model(memory: CellMeasurements, threshold_db: float) -> Float[Array, " cells"]:
     """Learned chance `[cells]` that a measurement falls below the threshold: normal with the cell's mean and spread.
 
     The spread of a cell is shrunk towards the one pooled over all cells; a cell never measured has the mean chance of
@@ -67,7 +67,7 @@ def penalty_model(memory: Measurements, threshold_db: float) -> Float[Array, " c
     return jnp.where(count > 0, chance, usual)
 
 
-def replayed_penalty(key: Array, memory: Measurements, threshold_db: float) -> Float[Array, " cells"]:
+def replayed_penalty(key: Array, memory: CellMeasurements, threshold_db: float) -> Float[Array, " cells"]:
     """1 or 0 `[cells]`: whether one stored measurement of each cell, drawn at random, was low; 0 where there is none."""
     stored = jnp.minimum(memory.count, memory.last_db.shape[1])
     drawn = (jax.random.uniform(key, stored.shape) * stored).astype(jnp.int32)

@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.maps.estimate.correlation import CORRELATION_M, along_axes, axis_factors, transposed
 from cellpilot.maps.estimate.fill import is_measured, measured_cells
 from cellpilot.maps.geodesy import to_degrees, to_local
 from cellpilot.maps.schema import RadioMap, anchor_of, grid_of, validate
-
-FloatArray = NDArray[np.float64]
 
 
 class Fit(NamedTuple):

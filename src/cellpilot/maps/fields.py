@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from cellpilot.errors import InputError
-from cellpilot.maps.limits import check_range
+from cellpilot.maps.limits import check_values
 
 CELL = ("z", "y", "x")
 ALSO_WRITTEN = {
@@ -20,7 +20,7 @@ ALSO_WRITTEN = {
 """Other ways to write the units of the schema."""
 
 
-class Field(NamedTuple):
+class CellField(NamedTuple):
     """One variable or coordinate of the schema."""
 
     dims: tuple[str, ...]
@@ -31,35 +31,35 @@ class Field(NamedTuple):
 
 
 FIELDS = {
-    "sinr_db": Field(CELL, np.float32, "dB", "mean SINR", required=True),
-    "sinr_std_db": Field(CELL, np.float32, "dB", "standard uncertainty of the mean SINR", required=True),
-    "sinr_spread_db": Field(CELL, np.float32, "dB", "standard deviation of SINR within the cell"),
-    "count": Field(CELL, np.int32, "1", "number of samples", required=True),
-    "filled": Field(CELL, np.bool_, "1", "value estimated from other cells", required=True),
-    "blocked_reason": Field(CELL, np.uint8, "1", "why the cell may not be entered, 0 = it may", required=True),
-    "serving_sector": Field(CELL, np.int32, "1", "index of the serving sector, -1 where unknown"),
-    "rsrp_dbm": Field(("sector", *CELL), np.float32, "dBm", "reference signal received power"),
+    "sinr_db": CellField(CELL, np.float32, "dB", "mean SINR", required=True),
+    "sinr_std_db": CellField(CELL, np.float32, "dB", "standard uncertainty of the mean SINR", required=True),
+    "sinr_spread_db": CellField(CELL, np.float32, "dB", "standard deviation of SINR within the cell"),
+    "count": CellField(CELL, np.int32, "1", "number of samples", required=True),
+    "filled": CellField(CELL, np.bool_, "1", "value estimated from other cells", required=True),
+    "blocked_reason": CellField(CELL, np.uint8, "1", "why the cell may not be entered, 0 = it may", required=True),
+    "serving_sector": CellField(CELL, np.int32, "1", "index of the serving sector, -1 where unknown"),
+    "rsrp_dbm": CellField(("sector", *CELL), np.float32, "dBm", "reference signal received power"),
 }
-BLOCKED = Field(CELL, np.bool_, "1", "cell that may not be entered", required=True)
+BLOCKED = CellField(CELL, np.bool_, "1", "cell that may not be entered", required=True)
 """The variable `blocked` of schema version 1, in the place of `blocked_reason`."""
 COORDINATES = {
-    "z": Field(("z",), np.float64, "m", "height above the anchor", required=True),
-    "y": Field(("y",), np.float64, "m", "north of the anchor", required=True),
-    "x": Field(("x",), np.float64, "m", "east of the anchor", required=True),
-    "sector": Field(("sector",), np.int32, "1", "index of the sector"),
-    "sector_name": Field(("sector",), np.str_, "1", "name of the sector"),
-    "sector_x_m": Field(("sector",), np.float64, "m", "site of the sector, east of the anchor"),
-    "sector_y_m": Field(("sector",), np.float64, "m", "site of the sector, north of the anchor"),
-    "sector_height_m": Field(("sector",), np.float64, "m", "antenna height of the sector"),
-    "sector_boresight_deg": Field(("sector",), np.float64, "degree", "boresight of the sector, counter-clockwise from east"),
-    "sector_power_dbm": Field(("sector",), np.float64, "dBm", "transmit power of the sector"),
-    "sector_carrier_hz": Field(("sector",), np.float64, "Hz", "carrier frequency of the sector"),
-    "sector_bandwidth_hz": Field(("sector",), np.float64, "Hz", "channel bandwidth of the sector"),
-    "sector_load": Field(("sector",), np.float64, "1", "share of the carrier in use in the sector"),
+    "z": CellField(("z",), np.float64, "m", "height above the anchor", required=True),
+    "y": CellField(("y",), np.float64, "m", "north of the anchor", required=True),
+    "x": CellField(("x",), np.float64, "m", "east of the anchor", required=True),
+    "sector": CellField(("sector",), np.int32, "1", "index of the sector"),
+    "sector_name": CellField(("sector",), np.str_, "1", "name of the sector"),
+    "sector_x_m": CellField(("sector",), np.float64, "m", "site of the sector, east of the anchor"),
+    "sector_y_m": CellField(("sector",), np.float64, "m", "site of the sector, north of the anchor"),
+    "sector_height_m": CellField(("sector",), np.float64, "m", "antenna height of the sector"),
+    "sector_boresight_deg": CellField(("sector",), np.float64, "degree", "boresight of the sector, counter-clockwise from east"),
+    "sector_power_dbm": CellField(("sector",), np.float64, "dBm", "transmit power of the sector"),
+    "sector_carrier_hz": CellField(("sector",), np.float64, "Hz", "carrier frequency of the sector"),
+    "sector_bandwidth_hz": CellField(("sector",), np.float64, "Hz", "channel bandwidth of the sector"),
+    "sector_load": CellField(("sector",), np.float64, "1", "share of the carrier in use in the sector"),
 }
 
 
-def canonical(array: xr.DataArray, name: str, field: Field, where: str) -> xr.DataArray:
+def canonical(array: xr.DataArray, name: str, field: CellField, where: str) -> xr.DataArray:
     """An array with the type, unit and long name of its field; `InputError` if its dimensions, unit or values are others."""
     if array.dims != field.dims:
         raise InputError(f"{where}: {name} has the dimensions {array.dims}; expected {field.dims}: transpose or squeeze it")
@@ -71,12 +71,12 @@ def canonical(array: xr.DataArray, name: str, field: Field, where: str) -> xr.Da
     else:
         values = _cast(values, name, field, where)
     _check_units(array, name, field, where)
-    check_range(name, values, where)
+    check_values(name, values, where)
     attrs = array.attrs | {"units": field.units, "long_name": field.long_name}
     return xr.DataArray(values, dims=field.dims, attrs=attrs)
 
 
-def _check_units(array: xr.DataArray, name: str, field: Field, where: str) -> None:
+def _check_units(array: xr.DataArray, name: str, field: CellField, where: str) -> None:
     """`InputError` if a unit is stated and is another one."""
     stated = array.attrs.get("units")
     if stated is None:
@@ -88,7 +88,7 @@ def _check_units(array: xr.DataArray, name: str, field: Field, where: str) -> No
         )
 
 
-def _cast(values: np.ndarray, name: str, field: Field, where: str) -> np.ndarray:
+def _cast(values: np.ndarray, name: str, field: CellField, where: str) -> np.ndarray:
     if np.isinf(values).any():
         raise InputError(f"{where}: {name} has {np.isinf(values).sum()} infinite value(s); unknown is NaN: replace them")
     if np.issubdtype(field.dtype, np.floating):

@@ -18,7 +18,7 @@ class Format(NamedTuple):
     name: str
 
 
-FORMATS = {
+MAP_FORMATS = {
     ".nc": Format("netcdf", "NetCDF-4"),
     ".zarr": Format("zarr", "Zarr (extra zarr)"),
     ".tif": Format("geotiff", "GeoTIFF (extra geo)"),
@@ -52,7 +52,7 @@ def load_map(path: str | Path, *, heights_m: tuple[float, ...] | None = None) ->
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a map (.nc): make one with `cellpilot map`")
     if path.suffix.lower() != ".zarr" and not path.is_file():
-        raise InputError(f"{path}: not a file; expected a map ({', '.join(FORMATS)})")
+        raise InputError(f"{path}: not a file; expected a map ({', '.join(MAP_FORMATS)})")
     if heights_m is not None:
         _check_raster(path, "heights of bands")
         read = partial(read, heights_m=heights_m)
@@ -66,14 +66,14 @@ def has_checksum(path: str | Path) -> bool:
 
 
 def _check_raster(path: Path, option: str) -> None:
-    if FORMATS[path.suffix.lower()].module != "geotiff":
+    if MAP_FORMATS[path.suffix.lower()].module != "geotiff":
         raise InputError(f"{path}: {option} can be asked of GeoTIFF only: leave it out, or name a .tif")
 
 
 def _module(path: Path) -> ModuleType:
     """A module of `formats/`, with `read(path)`, `write(map, path)` and `has_checksum(path)`."""
-    found = FORMATS.get(path.suffix.lower())
+    found = MAP_FORMATS.get(path.suffix.lower())
     if found is None:
-        known = ", ".join(f"{suffix} ({f.name})" for suffix, f in FORMATS.items())
+        known = ", ".join(f"{suffix} ({f.name})" for suffix, f in MAP_FORMATS.items())
         raise InputError(f"{path}: maps are read from and written to {known}; choose one of these endings")
     return import_module(f"cellpilot.maps.formats.{found.module}")

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from math import cos, isfinite, radians, sin, sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 
 SEMI_MAJOR_AXIS_M = 6378137.0
@@ -23,8 +24,6 @@ MEAN_RADIUS_KM = 6371.0
 
 MAX_LATITUDE_DEG = 89.0
 """Beyond this an east metre spans so many degrees that the tangent plane is no map any more."""
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

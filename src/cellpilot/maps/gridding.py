@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.maps.limits import MAX_CELLS
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

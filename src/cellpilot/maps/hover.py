@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import Anchor, to_local
 
@@ -17,8 +18,6 @@ HOVER_SHARE = 0.05
 
 HOVER_CROWDING = 5.0
 """... and more than this many times the samples of the median disc, so that a short log is not taken for one."""
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def check_size(sides: tuple[int, ...], what: str = "the map") -> None:
         )
 
 
-class Range(NamedTuple):
+class ValueRange(NamedTuple):
     """Values that a variable of a map can have."""
 
     low: float
@@ -30,21 +30,21 @@ class Range(NamedTuple):
 
 
 RANGES = {
-    "sinr_db": Range(-1000.0, 1000.0, "beyond what any receiver measures"),
-    "sinr_std_db": Range(0.0, 300.0, "an uncertainty"),
-    "rsrp_dbm": Range(-1000.0, 200.0, "beyond what any transmitter sends"),
-    "sector_power_dbm": Range(-200.0, 200.0, "beyond what any transmitter sends"),
-    "sector_carrier_hz": Range(1e6, 1e12, "no radio frequency"),
-    "sector_bandwidth_hz": Range(1.0, 1e11, "no channel bandwidth"),
-    "sector_load": Range(0.0, 1.0, "a share of the carrier"),
-    "x": Range(-1e7, 1e7, "farther than the Earth is round"),
-    "y": Range(-1e7, 1e7, "farther than the Earth is round"),
-    "z": Range(-1e5, 1e5, "beyond the atmosphere"),
+    "sinr_db": ValueRange(-1000.0, 1000.0, "beyond what any receiver measures"),
+    "sinr_std_db": ValueRange(0.0, 300.0, "an uncertainty"),
+    "rsrp_dbm": ValueRange(-1000.0, 200.0, "beyond what any transmitter sends"),
+    "sector_power_dbm": ValueRange(-200.0, 200.0, "beyond what any transmitter sends"),
+    "sector_carrier_hz": ValueRange(1e6, 1e12, "no radio frequency"),
+    "sector_bandwidth_hz": ValueRange(1.0, 1e11, "no channel bandwidth"),
+    "sector_load": ValueRange(0.0, 1.0, "a share of the carrier"),
+    "x": ValueRange(-1e7, 1e7, "farther than the Earth is round"),
+    "y": ValueRange(-1e7, 1e7, "farther than the Earth is round"),
+    "z": ValueRange(-1e5, 1e5, "beyond the atmosphere"),
 }
 """Wide: they find damaged files and exchanged units, not unlikely networks."""
 
 
-def check_range(name: str, values: np.ndarray, where: str) -> None:
+def check_values(name: str, values: np.ndarray, where: str) -> None:
     """`InputError` if a variable holds a value that it cannot have; NaN stands for unknown where the schema allows it."""
     limits = RANGES.get(name)
     if limits is None or not values.size:

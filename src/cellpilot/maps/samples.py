@@ -6,7 +6,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from cellpilot.array_types import FloatArray
+
 TextArray = NDArray[np.str_]
 
 STATED, TAKE_OFF, ELLIPSOID, SEA_LEVEL = "stated", "take-off", "ellipsoid", "sea level"

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.maps.schema import RadioMap
 from cellpilot.radio import Deployment, Interference
-
-FloatArray = NDArray[np.float64]
 
 NOISE_FIGURE = "noise_figure_db"
 """Attribute of a map with the received power of every sector."""

@@ -14,7 +14,7 @@ from typing import IO, TextIO, cast
 
 from cellpilot.errors import InputError
 
-MISSING = frozenset({"", "-", "n/a", "na", "nan", "null", "none"})
+MISSING_TEXTS = frozenset({"", "-", "n/a", "na", "nan", "null", "none"})
 """Texts (in small letters) that stand for no value."""
 
 LONGEST_LINE, MOST_UNPACKED_BYTES, MOST_PACKING = 1_000_000, 20_000_000, 100
@@ -66,7 +66,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Row:
+class TextRow:
     """One line below the header."""
 
     table: Table
@@ -85,7 +85,7 @@ class Row:
         if name is None or name not in self.table.names:
             return ""
         text = self.fields[self.table.names.index(name)].strip()
-        return "" if text.lower() in MISSING else text
+        return "" if text.lower() in MISSING_TEXTS else text
 
     def number(self, column: Column) -> float:
         """The number in that column, NaN where it is missing; `InputError` for text and for values out of range."""
@@ -138,7 +138,7 @@ def _range(column: Column) -> str:
     return f"expected a number from {column.low:g} to {column.high:g} {column.unit}".rstrip()
 
 
-def open_table(path: Path, what: str, header: Sequence[str] | None = None) -> tuple[Table, Iterator[Row]]:
+def open_table(path: Path, what: str, header: Sequence[str] | None = None) -> tuple[Table, Iterator[TextRow]]:
     """The header of a file, and its further lines that are not blank; `what` is expected in it.
 
     `header` names the columns of files that may come without a header line: a first line with anything but these names is
@@ -156,7 +156,7 @@ def open_table(path: Path, what: str, header: Sequence[str] | None = None) -> tu
             table, below = Table(path, line, names), lines
         else:
             table, below = Table(path, line, tuple(header)), chain([(line, fields)], lines)
-        return table, (Row(table, number, row) for number, row in below)
+        return table, (TextRow(table, number, row) for number, row in below)
     raise InputError(f"{path}: the file is empty; expected a {what}" + ("" if header else " with a header line"))
 
 

@@ -8,10 +8,10 @@ import numpy as np
 from cellpilot.airspace import MOVE_SETS, Rule
 from cellpilot.errors import InputError
 from cellpilot.policies import pair_value, tables
+from cellpilot.policies.pair_value import Sides
 from cellpilot.task import Task
 
-MOST_CELLS = 10_000_000
-Sides = tuple[int, int, int]
+MOST_POLICY_CELLS = 10_000_000
 Shape = tuple[int | str, ...]
 """Sides of an array; a text is a size that only has to be the same wherever it stands."""
 
@@ -19,8 +19,8 @@ Shape = tuple[int | str, ...]
 def check_sides(sides: Any) -> Sides:
     """The sides of a grid; `ValueError` unless they are three whole numbers from 1 whose product a map can have."""
     whole = isinstance(sides, list | tuple) and len(sides) == 3 and all(type(side) is int and side >= 1 for side in sides)
-    if not whole or sides[0] * sides[1] * sides[2] > MOST_CELLS:
-        raise ValueError(f"sides are {sides!r:.60}; expected three whole numbers with a product up to {MOST_CELLS:,}")
+    if not whole or sides[0] * sides[1] * sides[2] > MOST_POLICY_CELLS:
+        raise ValueError(f"sides are {sides!r:.60}; expected three whole numbers with a product up to {MOST_POLICY_CELLS:,}")
     return sides[0], sides[1], sides[2]
 
 
@@ -55,7 +55,7 @@ def check_tensors(tensors: Mapping[str, np.ndarray], architecture: str, sides: S
     n_cells, n_actions = sides[0] * sides[1] * sides[2], about.get("n_moves", 6 if sides[2] > 1 else 4)
     if architecture == pair_value.ARCHITECTURE:
         expected = _pair_shapes(tensors, sides)
-    elif architecture in tables.TENSORS:
+    elif architecture in tables.TABLE_TENSORS:
         expected = tables.table_shapes(architecture, n_cells, n_actions)
     else:
         expected = _layers({name: t for name, t in tensors.items() if name != "blocked"}, architecture, sides, n_actions)

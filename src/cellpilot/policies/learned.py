@@ -16,14 +16,14 @@ from cellpilot.policies.check import check_look_ahead, check_moves, check_sides,
 from cellpilot.storage import load_tensors, save_tensors
 from cellpilot.task import Task
 
-FORMAT = "cellpilot-policy-1"
-HEADER = {"architecture", "sides", "about"}
+POLICY_FORMAT = "cellpilot-policy-1"
+POLICY_HEADER = {"architecture", "sides", "about"}
 TENSORS = {
     "concatenated": {"network.layers.0.weight", "network.layers.0.bias"},
     "two-stream": {"phi.layers.0.weight", "phi.layers.0.bias", "psi.layers.0.weight", "psi.layers.0.bias"},
     "dueling": {f"{part}.layers.0.{kind}" for part in ("trunk", "value", "advantage") for kind in ("weight", "bias")},
-    pair_value.ARCHITECTURE: pair_value.TENSORS,
-    **tables.TENSORS,
+    pair_value.ARCHITECTURE: pair_value.PAIR_TENSORS,
+    **tables.TABLE_TENSORS,
 }
 """Architectures this file can fly, and the tensors that each has at least."""
 Array32 = NDArray[np.float32]
@@ -94,7 +94,7 @@ class PolicyParameters:
         if self.architecture == pair_value.ARCHITECTURE:
             task = Task(**self.about["task"])
             return pair_value.pair_action_values(self.tensors, airspace, task, goals, self.about["look_ahead"])
-        if self.architecture in tables.TENSORS:
+        if self.architecture in tables.TABLE_TENSORS:
             return tables.table_values(self.architecture, self.tensors, airspace, goals, self.about)
         n_dimensions = grid.n_dimensions
         position = grid.position(np.arange(grid.n_cells))[:, :n_dimensions]
@@ -160,13 +160,13 @@ class LearnedPolicy:
 def save_parameters(parameters: PolicyParameters, path: Path) -> None:
     """Write `policy.safetensors` atomically."""
     header = {"architecture": parameters.architecture, "sides": parameters.sides, "about": parameters.about}
-    save_tensors(path, parameters.tensors, FORMAT, header)
+    save_tensors(path, parameters.tensors, POLICY_FORMAT, header)
 
 
 def load_parameters(path: Path) -> PolicyParameters:
     """Read `policy.safetensors`; `InputError` for a missing file, a damaged one or one of another kind."""
     remedy = "train again or restore it"
-    tensors, header = load_tensors(path, FORMAT, HEADER, remedy)
+    tensors, header = load_tensors(path, POLICY_FORMAT, POLICY_HEADER, remedy)
     try:
         sides = check_sides(header["sides"])
         architecture, about = header["architecture"], dict(header["about"])

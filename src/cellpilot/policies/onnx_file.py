@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
 from cellpilot.policies import pair_value, tables
-from cellpilot.policies.learned import FORMAT, PolicyParameters
+from cellpilot.policies.learned import POLICY_FORMAT, PolicyParameters
 from cellpilot.provenance import versions
 from cellpilot.storage import write_atomically
 from cellpilot.task import Task
@@ -64,7 +64,7 @@ def make_onnx(parameters: PolicyParameters) -> Any:
     onnx.helper.set_model_props(
         model,
         {
-            "format": FORMAT,
+            "format": POLICY_FORMAT,
             "architecture": parameters.architecture,
             "grid_sides": " ".join(map(str, parameters.sides)),
             "actions": " ".join(airspace.moves.names),
@@ -278,6 +278,6 @@ BUILDERS: dict[str, Builder] = {
     "two-stream": _two_stream,
     "dueling": _dueling,
     pair_value.ARCHITECTURE: _pair_value,
-    **dict.fromkeys(tables.TENSORS, _table),
+    **dict.fromkeys(tables.TABLE_TENSORS, _table),
 }
 """What computes the action values of each architecture, from graph, parameters, position and goal."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cellpilot.grid import IntArray
 from cellpilot.policies.base import greedy_actions, one_hot
-from cellpilot.solve import goals_at_once, optimal_values
+from cellpilot.solve import goals_solved_at_once, optimal_values
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -31,7 +31,7 @@ class OptimalPolicy:
     def actions(self, goals: IntArray) -> NDArray[np.int8]:
         """Best action of every cell for each goal, `[n_cells, goals]`; solved once per goal."""
         missing = np.array([g for g in np.unique(goals) if int(g) not in self._actions], dtype=np.int32)
-        at_once = goals_at_once(self.world)
+        at_once = goals_solved_at_once(self.world)
         for i in range(0, len(missing), at_once):
             block = missing[i : i + at_once]
             best = greedy_actions(np.nan_to_num(optimal_values(self.world, self.task, block, self.discount), neginf=-1e18))

@@ -17,11 +17,11 @@ from cellpilot.grid import IntArray
 from cellpilot.task import Task
 
 ARCHITECTURE = "pair-value"
-TENSORS = {"table", "weight", "bias", "output", "blocked"}
+PAIR_TENSORS = {"table", "weight", "bias", "output", "blocked"}
 """Tensors of a policy of this kind; `penalty` besides, where a penalty model was learned."""
 
-GOALS_AT_ONCE = 8
-MOST_PAIRS = 1_000_000
+GOALS_OF_PAIRS_AT_ONCE = 8
+MOST_PAIRS_VALUED = 1_000_000
 Sides = tuple[int, int, int]
 
 
@@ -88,7 +88,7 @@ def pair_action_values(
         raise InputError(f"the policy's tensors do not fit a grid of {grid.sides} cells; train again or restore it")
     next_cell, of_move = airspace.next_cell, move_rewards(airspace, task)
     values = np.empty((grid.n_cells, len(goals), airspace.n_actions), np.float32)
-    at_once = max(1, min(GOALS_AT_ONCE, MOST_PAIRS // grid.n_cells))
+    at_once = max(1, min(GOALS_OF_PAIRS_AT_ONCE, MOST_PAIRS_VALUED // grid.n_cells))
     for i in range(0, len(goals), at_once):
         block = np.asarray(goals[i : i + at_once])
         entering = _entering_values(tensors, airspace, task, block)

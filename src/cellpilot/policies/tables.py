@@ -14,7 +14,7 @@ from cellpilot.task import Task
 from cellpilot.world import World
 
 Q_TABLE, BELIEVED_MAP = "q-table", "believed-map"
-TENSORS = {Q_TABLE: {"q"}, BELIEVED_MAP: {"mean_db", "std_db", "blocked"}}
+TABLE_TENSORS = {Q_TABLE: {"q"}, BELIEVED_MAP: {"mean_db", "std_db", "blocked"}}
 """`q [n_cells, goals, actions]`, one goal for each cell; `mean_db` and `std_db [n_cells]` of the map, `blocked [n_cells]`."""
 
 
@@ -22,7 +22,7 @@ def table_shapes(architecture: str, n_cells: int, n_actions: int) -> dict[str, t
     """Shape of each tensor."""
     if architecture == Q_TABLE:
         return {"q": (n_cells, n_cells, n_actions)}
-    return dict.fromkeys(TENSORS[BELIEVED_MAP], (n_cells,))
+    return dict.fromkeys(TABLE_TENSORS[BELIEVED_MAP], (n_cells,))
 
 
 def check_belief(about: Mapping[str, Any]) -> None:

@@ -17,7 +17,7 @@ def exp(x: FloatArray) -> FloatArray:
     return np.asarray(np.exp2(LOG2_E * x))
 
 
-def distance(east: FloatArray, north: FloatArray) -> FloatArray:
+def distance_m(east: FloatArray, north: FloatArray) -> FloatArray:
     """Length of the vector; unlike `hypot` it overflows beyond 1e154."""
     return np.asarray(np.sqrt(east * east + north * north))
 

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cellpilot.array_types import IndexArray
 from cellpilot.errors import InputError
 from cellpilot.radio.ranges import FloatArray, as_floats
 from cellpilot.units import THERMAL_NOISE_DBM_HZ, from_db, to_db
-
-IndexArray = NDArray[np.int64]
 
 RESOURCE_BLOCKS = {1.4e6: 6, 3e6: 15, 5e6: 25, 10e6: 50, 15e6: 75, 20e6: 100}
 """Resource blocks of each LTE channel bandwidth [Hz]: 3GPP TS 36.104 Table 5.6-1."""

@@ -74,9 +74,9 @@ def path_loss_db(
 ) -> tuple[FloatArray, FloatArray]:
     """Median path loss (LOS, NLOS) [dB], each in the broadcast shape of the arguments.
 
-    Carrier [Hz, 0.5e9..100e9], horizontal distance [m, >= 0], heights of mast and receiver [m, 1.5..300]; `RangeError`
+    Carrier [Hz, 0.5e9..100e9], horizontal distance_m [m, >= 0], heights of mast and receiver [m, 1.5..300]; `RangeError`
     outside, `InputError` for an unknown environment. NLOS is NaN where the standard knows LOS only (UMa-AV above 100 m).
-    Close to the mast the horizontal distance counts as at least 0.5 m and the slant distance as at least 1 m.
+    Close to the mast the horizontal distance_m counts as at least 0.5 m and the slant distance_m as at least 1 m.
 
     Source: 3GPP TR 36.777 Table B-2; below the aerial heights TR 38.901 Table 7.4.1-1.
     """
@@ -121,5 +121,5 @@ def _by_height(
 def link_to(carrier_hz: FloatArray, distance_2d_m: FloatArray, base_height_m: FloatArray, height_m: float) -> Link:
     """Links of checked geometry to receivers of one height, with the distances floored."""
     floored_2d_m = np.maximum(distance_2d_m, MIN_DISTANCE_2D_M)
-    distance_3d_m = np.maximum(fast.distance(floored_2d_m, height_m - base_height_m), MIN_DISTANCE_3D_M)
+    distance_3d_m = np.maximum(fast.distance_m(floored_2d_m, height_m - base_height_m), MIN_DISTANCE_3D_M)
     return Link(carrier_hz / 1e9, floored_2d_m, distance_3d_m, base_height_m, height_m)

@@ -1,11 +1,10 @@
 """Checks of physical quantities against the range a model is defined for."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError, RangeError
-
-FloatArray = NDArray[np.float64]
 
 
 def as_floats(values: ArrayLike, what: str) -> FloatArray:

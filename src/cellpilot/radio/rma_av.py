@@ -13,17 +13,17 @@ from cellpilot.radio.environment import (
 )
 from cellpilot.radio.ranges import FloatArray
 
-AERIAL_ABOVE_M = 10.0
-LOS_ONLY_ABOVE_M = 40.0
+_AERIAL_ABOVE_M = 10.0
+_LOS_ONLY_ABOVE_M = 40.0
 BUILDING_HEIGHT_M = 5.0
 STREET_WIDTH_M = 20.0
 
 
 def _los_probability(distance_2d_m: FloatArray, height_m: float) -> FloatArray:
     """Table B-1; at and below 10 m TR 38.901 Table 7.4.2-1."""
-    if height_m > LOS_ONLY_ABOVE_M:
+    if height_m > _LOS_ONLY_ABOVE_M:
         return np.ones(1)
-    if height_m > AERIAL_ABOVE_M:
+    if height_m > _AERIAL_ABOVE_M:
         log_height = np.log10(height_m)
         certain_m, decay_m = max(1350.8 * log_height - 1602.0, 18.0), max(15021.0 * log_height - 16053.0, 1000.0)
         return decaying_probability(distance_2d_m, certain_m, decay_m)
@@ -56,7 +56,7 @@ def _ground_nlos_db(link: Link) -> FloatArray:
 
 def _path_loss_db(link: Link) -> Losses:
     """Table B-2; at and below 10 m TR 38.901 Table 7.4.1-1."""
-    if link.height_m <= AERIAL_ABOVE_M:
+    if link.height_m <= _AERIAL_ABOVE_M:
         los_db, nlos_db = _ground_los_db(link), _ground_nlos_db(link)
     else:
         log_distance, log_height = np.log10(link.distance_3d_m), np.log10(link.height_m)
@@ -67,9 +67,9 @@ def _path_loss_db(link: Link) -> Losses:
 
 def _shadow_std_db(link: Link) -> Losses:
     """Table B-3. Above 40 m it has no NLOS value, although Table B-2 has a path loss."""
-    if link.height_m <= AERIAL_ABOVE_M:
+    if link.height_m <= _AERIAL_ABOVE_M:
         return np.where(link.distance_2d_m < _break_point_m(link), 4.0, 6.0), np.full(1, 8.0)
-    nlos_db = np.full(1, 6.0) if link.height_m <= LOS_ONLY_ABOVE_M else None
+    nlos_db = np.full(1, 6.0) if link.height_m <= _LOS_ONLY_ABOVE_M else None
     return np.full(1, 4.2 * np.exp(-0.0046 * link.height_m)), nlos_db
 
 

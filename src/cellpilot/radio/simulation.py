@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
+from cellpilot.array_types import IndexArray
 from cellpilot.errors import InputError, RangeError
 from cellpilot.provenance import usable_cores
 from cellpilot.radio import fast
@@ -19,8 +20,6 @@ from cellpilot.radio.ranges import FloatArray, check_range
 from cellpilot.radio.settings import PROPAGATION, LosMode
 from cellpilot.radio.shadowing import SITE_CORRELATION, Shadowing, draw_shadowing
 from cellpilot.units import from_db, to_db
-
-IndexArray = NDArray[np.int64]
 
 CHUNK_LINKS = 2**15
 """Links (mast x place) computed at once: arrays of 256 kB stay in the cache."""
@@ -221,7 +220,7 @@ class _Sight:
         needed = {"los": ("los",), "nlos": ("nlos",), "soft": ("los", "nlos"), "sampled": ("los", "nlos", "state")}[los]
         fields = {} if shadowing is None else {kind: getattr(shadowing, kind).at(x_m, y_m) for kind in needed}
         azimuth_deg = np.degrees(np.arctan2(north_m, east_m))
-        return cls(deployment, model, los, fast.distance(east_m, north_m), azimuth_deg, fields)
+        return cls(deployment, model, los, fast.distance_m(east_m, north_m), azimuth_deg, fields)
 
     def sector_power_dbm(self, height_m: float, place: IndexArray) -> FloatArray:
         """Power `[sector, point]` [dBm] at points of one height above the numbered places."""

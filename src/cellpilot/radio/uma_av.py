@@ -6,15 +6,15 @@ from cellpilot.radio import fast
 from cellpilot.radio.environment import Environment, Link, Losses, carrier_db, decaying_probability, two_slopes_db
 from cellpilot.radio.ranges import FloatArray
 
-AERIAL_ABOVE_M = 22.5
-LOS_ONLY_ABOVE_M = 100.0
+_AERIAL_ABOVE_M = 22.5
+_LOS_ONLY_ABOVE_M = 100.0
 
 
 def _los_probability(distance_2d_m: FloatArray, height_m: float) -> FloatArray:
     """Table B-1; at and below 22.5 m TR 38.901 Table 7.4.2-1."""
-    if height_m > LOS_ONLY_ABOVE_M:
+    if height_m > _LOS_ONLY_ABOVE_M:
         return np.ones(1)
-    if height_m > AERIAL_ABOVE_M:
+    if height_m > _AERIAL_ABOVE_M:
         log_height = np.log10(height_m)
         return decaying_probability(distance_2d_m, max(460.0 * log_height - 700.0, 18.0), 4300.0 * log_height - 3800.0)
     above_13_m = max(height_m - 13.0, 0.0)
@@ -27,12 +27,12 @@ def _los_probability(distance_2d_m: FloatArray, height_m: float) -> FloatArray:
 def _path_loss_db(link: Link) -> Losses:
     """Table B-2; at and below 22.5 m TR 38.901 Table 7.4.1-1."""
     log_distance, log_carrier = np.log10(link.distance_3d_m), np.log10(link.carrier_ghz)
-    if link.height_m <= AERIAL_ABOVE_M:
+    if link.height_m <= _AERIAL_ABOVE_M:
         los_db = two_slopes_db(link, intercept_db=28.0, slope=22.0, far_correction=9.0)
         nlos_db = 13.54 + 39.08 * log_distance + 20.0 * log_carrier - 0.6 * (link.height_m - 1.5)
         return los_db, np.maximum(los_db, nlos_db)
     los_db = 22.0 * log_distance + (28.0 + 20.0 * log_carrier)
-    if link.height_m > LOS_ONLY_ABOVE_M:
+    if link.height_m > _LOS_ONLY_ABOVE_M:
         return los_db, None
     # The aerial NLOS line has no max() with LOS: close to the mast it falls below it, and the table says so.
     return los_db, (46.0 - 7.0 * np.log10(link.height_m)) * log_distance + (carrier_db(link) - 17.5)
@@ -40,8 +40,8 @@ def _path_loss_db(link: Link) -> Losses:
 
 def _shadow_std_db(link: Link) -> Losses:
     """Table B-3."""
-    los_db = 4.0 if link.height_m <= AERIAL_ABOVE_M else 4.64 * np.exp(-0.0066 * link.height_m)
-    return np.full(1, los_db), np.full(1, 6.0) if link.height_m <= LOS_ONLY_ABOVE_M else None
+    los_db = 4.0 if link.height_m <= _AERIAL_ABOVE_M else 4.64 * np.exp(-0.0066 * link.height_m)
+    return np.full(1, los_db), np.full(1, 6.0) if link.height_m <= _LOS_ONLY_ABOVE_M else None
 
 
 # Correlation distances: TR 38.901 Table 7.5-6 (shadowing) and Table 7.6.3.1-2 (LOS state).

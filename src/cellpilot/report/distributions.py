@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.evaluate import METRICS
 from cellpilot.report.style import COLUMN_WIDTH_IN, VERMILION, Line, legend_below, policy_line, single_axes
 from cellpilot.runs.content import Content
 
-FloatArray = NDArray[np.float64]
 Curve = tuple[FloatArray, FloatArray]
 Limits = tuple[float, float]
 

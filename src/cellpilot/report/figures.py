@@ -144,7 +144,7 @@ def draw_study(folder: Path, stem: str) -> Path:
     return folder / "figures" / f"{stem}.png"
 
 
-FORMATS: dict[str, tuple[int, dict[str, None]]] = {
+FIGURE_FORMATS: dict[str, tuple[int, dict[str, None]]] = {
     ".png": (DPI, {"Software": None}),
     ".pdf": (2 * DPI, {"CreationDate": None}),
     ".svg": (DPI, {"Date": None}),
@@ -154,14 +154,14 @@ FORMATS: dict[str, tuple[int, dict[str, None]]] = {
 
 def check_picture_name(path: Path) -> None:
     """`InputError` for a name that `save_figure` will refuse: to be called before the work that the picture shows."""
-    if path.suffix not in FORMATS:
-        raise InputError(f"{path}: expected a picture's name ending in {', '.join(FORMATS)}")
+    if path.suffix not in FIGURE_FORMATS:
+        raise InputError(f"{path}: expected a picture's name ending in {', '.join(FIGURE_FORMATS)}")
 
 
 def save_figure(figure: Figure, path: Path) -> bytes:
     """Save a figure atomically in the format of its suffix (png, pdf or svg) and return the bytes; else `InputError`."""
     check_picture_name(path)
-    dpi, metadata = FORMATS[path.suffix]
+    dpi, metadata = FIGURE_FORMATS[path.suffix]
     picture = io.BytesIO()
     with boxes_for_missing_letters():
         figure.savefig(picture, format=path.suffix[1:], dpi=dpi, bbox_inches="tight", pad_inches=PAD_IN, metadata=metadata)

@@ -6,11 +6,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.evaluate import METRICS
 from cellpilot.report.style import BLUE, GREEN, GREY, PAGE_WIDTH_IN, PURPLE, VERMILION, Line, policy_line, single_axes
 from cellpilot.runs.content import Content
-
-FloatArray = NDArray[np.float64]
 
 POINTS = 400
 """A curve has about this many points; more cannot be told apart on paper."""

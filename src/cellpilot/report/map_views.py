@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.grid import Grid
 from cellpilot.maps import RadioMap, grid_of
@@ -51,8 +52,6 @@ from cellpilot.report.style import (
 from cellpilot.signal import NO_NOISE_DB
 from cellpilot.text import visible
 from cellpilot.world import World
-
-FloatArray = NDArray[np.float64]
 
 
 class View(NamedTuple):

@@ -15,12 +15,12 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.grid import Grid
 from cellpilot.maps import RadioMap
 from cellpilot.maps.reasons import reasons_of
 from cellpilot.report.style import PAGE_WIDTH_IN
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MAX_PANELS = 6

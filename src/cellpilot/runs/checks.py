@@ -8,7 +8,7 @@ import xarray as xr
 from cellpilot.errors import InputError
 from cellpilot.evaluate.metrics import RF_CLASSES_DB, number_metrics
 
-VARIABLES: dict[str, dict[str, tuple[str, ...]]] = {
+FILE_VARIABLES: dict[str, dict[str, tuple[str, ...]]] = {
     "eval": {
         **dict.fromkeys(("reached", "n_steps", "shortest_steps", "drawn_return", "low_steps"), ("policy", "flight")),
         "sinr_histogram": ("policy", "sinr_bin"),
@@ -29,7 +29,7 @@ NAMES = {"eval": ("policy",), "ablation": ("variant",), "sensitivity": ("knob", 
 
 def check_variables(dataset: xr.Dataset, stem: str, where: str) -> xr.Dataset:
     """The dataset of `STEM.nc` itself; `InputError` if a variable is missing, empty, has other dimensions or no numbers."""
-    for name, dims in VARIABLES[stem].items():
+    for name, dims in FILE_VARIABLES[stem].items():
         if name not in dataset:
             raise InputError(f"{where}: the variable {name} is missing; make the file again")
         found = dataset[name]

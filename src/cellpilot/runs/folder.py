@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cellpilot.errors import InputError
-from cellpilot.experiment import make_map, make_task, make_world, shipped_policy
+from cellpilot.experiment import build_map, make_task, make_world, shipped_policy
 from cellpilot.policies import OptimalPolicy, PolicyParameters, load_parameters
 from cellpilot.provenance import usable_cores, versions
 from cellpilot.runs.files import FACTS, MAP, MARKERS, NOT_A_RUN, SCENARIO, holds_run, is_occupied, read_facts, remove_run
@@ -69,7 +69,7 @@ def create_run(folder: Path, scenario: Scenario, seed: int, command: str, force:
     `n_seeds` is how many runs like this one will be trained at once. A run that cannot be written leaves nothing behind.
     """
     occupied = is_occupied(folder, force)
-    radio_map = make_map(scenario.map)
+    radio_map = build_map(scenario.map)
     run = _assemble(folder, scenario, seed, radio_map)
     scenario.learner.check_fits(run.task, run.world.grid, n_seeds)
     # Refuses a task without an optimum.
@@ -143,7 +143,7 @@ def open_run_or_shipped(name: str) -> Run:
     parameters, scenario = shipped_policy(source), load_scenario(source)
     assert parameters is not None
     seed = int(parameters.about.get("seed", 0))
-    return _assemble(Path("runs") / f"{name}-shipped", scenario, seed, make_map(scenario.map), parameters)
+    return _assemble(Path("runs") / f"{name}-shipped", scenario, seed, build_map(scenario.map), parameters)
 
 
 @contextmanager

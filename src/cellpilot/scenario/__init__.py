@@ -4,7 +4,7 @@ Every value of the thesis is a default here, with its table or section. Unknown 
 """
 
 from cellpilot.maps.settings import LogSettings
-from cellpilot.scenario.learner import LEARNERS, PUBLISHED, AnyLearner
+from cellpilot.scenario.learner import LEARNERS, PUBLISHED_LEARNER, AnyLearner
 from cellpilot.scenario.maps import MapFile, MapSettings, MeasuredMap, SimulatedMap
 from cellpilot.scenario.task import AirspaceSettings, EvaluationSettings, RewardSettings, TaskSettings
 from cellpilot.scenario.toml import SHIPPED, Scenario, describe, dump_scenario, find_scenario, load_scenario, one_name, validated
@@ -12,7 +12,7 @@ from cellpilot.settings import Cell, Count, Finite, Floats, NonNegative, Pair, P
 
 __all__ = [
     "LEARNERS",
-    "PUBLISHED",
+    "PUBLISHED_LEARNER",
     "SHIPPED",
     "AirspaceSettings",
     "AnyLearner",

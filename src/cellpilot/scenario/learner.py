@@ -14,5 +14,5 @@ if TYPE_CHECKING:
 else:
     AnyLearner = Union[tuple(LEARNERS.values())]  # noqa: UP007  # the members are known at run time only
 
-PUBLISHED = DDQNHER()
+PUBLISHED_LEARNER = DDQNHER()
 """The learner of the thesis."""

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, ValidationError
 
 from cellpilot.errors import InputError
-from cellpilot.scenario.learner import LEARNERS, PUBLISHED, AnyLearner
+from cellpilot.scenario.learner import LEARNERS, PUBLISHED_LEARNER, AnyLearner
 from cellpilot.scenario.maps import MapSettings, SimulatedMap
 from cellpilot.scenario.task import AirspaceSettings, EvaluationSettings, TaskSettings
 from cellpilot.settings import Settings
@@ -38,7 +38,7 @@ class Scenario(Settings):
     map: MapSettings = Field(SimulatedMap(), discriminator="kind")
     task: TaskSettings = TaskSettings()
     airspace: AirspaceSettings = AirspaceSettings()
-    learner: AnyLearner = Field(PUBLISHED, discriminator="algorithm")
+    learner: AnyLearner = Field(PUBLISHED_LEARNER, discriminator="algorithm")
     evaluation: EvaluationSettings = EvaluationSettings()
 
 

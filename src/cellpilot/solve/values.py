@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.grid import IntArray
 from cellpilot.solve.cheapest_paths import least_cost
@@ -18,11 +19,9 @@ NOTHING_LEFT = 1e-18
 """A discount so small that what lies behind it does not count."""
 LARGE_CELLS = 20_000
 """Above so many cells sweeps number thousands, and policy iteration is some thirty times as fast."""
-GOALS_AT_ONCE = 64
-MOST_VALUES = 4_000_000
+GOALS_SOLVED_AT_ONCE = 64
+MOST_VALUES_SOLVED = 4_000_000
 """Cells times goals of one table (32 MB, of which some ten are kept at a time)."""
-
-FloatArray = NDArray[np.float64]
 
 
 def optimal_values(world: World, task: Task, goals: IntArray, discount: float | None = None) -> FloatArray:
@@ -34,7 +33,7 @@ def optimal_values(world: World, task: Task, goals: IntArray, discount: float | 
     `InputError` where the undiscounted optimum does not exist because circling earns rewards.
     """
     goals = np.asarray(goals)
-    at_once = goals_at_once(world)
+    at_once = goals_solved_at_once(world)
     gamma = task.discount if discount is None else discount
     if gamma == 1 and task.rho_step == 0:
         # Where moving costs nothing every way round is equally good: among those, the one with the fewest steps.
@@ -43,9 +42,9 @@ def optimal_values(world: World, task: Task, goals: IntArray, discount: float | 
     return np.concatenate([_solve(block) for block in blocks], axis=1)
 
 
-def goals_at_once(world: World) -> int:
+def goals_solved_at_once(world: World) -> int:
     """Goals for which all cells are solved at once: as many as memory allows."""
-    return max(1, min(GOALS_AT_ONCE, MOST_VALUES // world.grid.n_cells))
+    return max(1, min(GOALS_SOLVED_AT_ONCE, MOST_VALUES_SOLVED // world.grid.n_cells))
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from cellpilot.errors import InputError
 
-MARK = b"\ncellpilot sha256 "
-LENGTH = len(MARK) + 64 + 1
+SEAL_MARK = b"\ncellpilot sha256 "
+LENGTH = len(SEAL_MARK) + 64 + 1
 
 
 def digest_of_bytes(content: bytes) -> str:
@@ -19,7 +19,7 @@ def digest_of_bytes(content: bytes) -> str:
 
 def seal(content: bytes) -> bytes:
     """The content and its checksum."""
-    return content + MARK + digest_of_bytes(content).encode() + b"\n"
+    return content + SEAL_MARK + digest_of_bytes(content).encode() + b"\n"
 
 
 def check_seal(path: Path) -> bool:
@@ -30,14 +30,14 @@ def check_seal(path: Path) -> bool:
     with path.open("rb") as file:
         file.seek(size - LENGTH)
         tail = file.read()
-        if not tail.startswith(MARK):
+        if not tail.startswith(SEAL_MARK):
             return False
         file.seek(0)
         sha, left = hashlib.sha256(), size - LENGTH
         while left > 0 and (block := file.read(min(left, 1 << 20))):
             sha.update(block)
             left -= len(block)
-    if tail[len(MARK) : -1] != sha.hexdigest().encode():
+    if tail[len(SEAL_MARK) : -1] != sha.hexdigest().encode():
         raise InputError(
             f"{path}: checksum mismatch: the file is damaged, or another program changed it in place; restore or make it again;"
             " if you changed it yourself, save it under a new name with that program"

@@ -10,7 +10,7 @@ from pydantic import Field
 from cellpilot.cli.console import out, share_bar, warn
 from cellpilot.cli.options import THESIS, parse, refuse_overwriting, scenario_argument
 from cellpilot.errors import InputError
-from cellpilot.experiment import layout_warning, make_map, make_sites
+from cellpilot.experiment import build_map, layout_warning, make_sites
 from cellpilot.maps import save_map
 from cellpilot.scenario import MapSettings, Scenario, Settings, SimulatedMap
 
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str]) -> int:
         raise InputError(f"{name} has no simulated map; import its logs instead: cellpilot map import")
     refuse_overwriting(options.out, (options.map.sites,))
     with share_bar("simulate") as progress:
-        save_map(make_map(options.map, progress=progress), options.out)
+        save_map(build_map(options.map, progress=progress), options.out)
     out.print(f"map: {options.out}")
     warn(layout_warning(make_sites(options.map).deployment, options.map))
     return 0

@@ -66,7 +66,7 @@ def populate_memory(key: Array, settings: DDQNHERVariants, replay: Replay, fligh
     return add(replay, Experience(transitions, goals.ravel(), steps_left), flight.n_steps * copies)
 
 
-class Batches(NamedTuple):
+class VariantBatches(NamedTuple):
     """`ddqn_her.Batches` with what the switches need besides."""
 
     plain: ddqn_her.Batches
@@ -76,7 +76,7 @@ class Batches(NamedTuple):
 
 def prepare(
     row: Int[Array, "updates batch"], settings: DDQNHERVariants, arena: Arena, task: Task, state: LearnerState
-) -> Batches:
+) -> VariantBatches:
     """The mini-batches of these rows of the memory; the target networks, which do not change, value all in one pass."""
     experiences, priority = state.replay.experiences, state.replay.priority
     outcome = outcome_of_steps(state.replay, row, task, settings.n_steps, settings.copies)
@@ -98,11 +98,11 @@ def prepare(
         by_update(q_target),
         None if arena.not_offered is None else by_update(arena.not_offered.T[:, outcome.next_cell]),
     )
-    return Batches(plain, outcome.discount, weight)
+    return VariantBatches(plain, outcome.discount, weight)
 
 
 def loss(
-    folded: Networks, batches: Batches, settings: DDQNHERVariants, task: Task, ends: bool = False
+    folded: Networks, batches: VariantBatches, settings: DDQNHERVariants, task: Task, ends: bool = False
 ) -> tuple[Array, Float[Array, " batch"]]:
     """Loss of equation 3.24, summed over the networks, and the error of each experience, their mean."""
     batch, n = batches.plain, settings.batch_size
@@ -124,7 +124,7 @@ def optimize(key: Array, settings: DDQNHERVariants, arena: Arena, task: Task, st
     """`updates_per_episode` steps of Adam, and the priorities that follow from their errors."""
     row = draw_rows(key, state.replay, (settings.updates_per_episode, settings.batch_size))
 
-    def update(carry: tuple[Networks, AdamState], batch: Batches) -> tuple[tuple[Networks, AdamState], Any]:
+    def update(carry: tuple[Networks, AdamState], batch: VariantBatches) -> tuple[tuple[Networks, AdamState], Any]:
         online, adam = carry
         gradient, error = jax.grad(loss, has_aux=True)(online, batch, settings, task, arena.ends)
         return adam_step(online, gradient, adam, settings.learning_rate), error if settings.prioritised else None

@@ -25,10 +25,10 @@ from cellpilot.learn.adam import AdamState, adam_step, init_adam
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.fqi_her_targets import (
     TargetCache,
+    arena_move_rewards,
     draw_pairs,
     empty_cache,
     importance,
-    move_rewards,
     pair_values,
     targets,
 )
@@ -36,7 +36,7 @@ from cellpilot.learn.compiled import CompiledAlgorithm
 from cellpilot.learn.exploration import boltzmann_noise, linear_schedule
 from cellpilot.learn.losses import huber
 from cellpilot.learn.pair_network import PairNetwork
-from cellpilot.learn.penalty import Measurements, measure, no_measurements, penalty_model
+from cellpilot.learn.penalty import CellMeasurements, measure, no_measurements, penalty_model
 from cellpilot.policies.learned import PolicyParameters
 from cellpilot.policies.pair_value import ARCHITECTURE
 from cellpilot.streams import Learning, learning_key
@@ -63,7 +63,7 @@ class FittedState:
     online: PairNetwork
     average: PairNetwork
     optimizer: AdamState
-    memory: Measurements
+    memory: CellMeasurements
     cache: TargetCache
     flights: Flights
     blocked: Bool[Array, " cells"]
@@ -110,7 +110,7 @@ def initial_state(settings: FQIHER, arena: Arena, seed: Int[Array, ""] | int) ->
     )
 
 
-def action_values(
+def flying_values(
     network: PairNetwork,
     arena: Arena,
     task: Task,
@@ -128,7 +128,7 @@ def action_values(
         reward, _, over = task.expected_outcome(arena, here, jnp.arange(entered.shape[1])[None, :], goal, penalty)
         values = reward + task.discount * jnp.where(over, 0.0, value)
     else:
-        values = value + move_rewards(arena, task)[cell]
+        values = value + arena_move_rewards(arena, task)[cell]
     return values if arena.not_offered is None else values + arena.not_offered[cell]
 
 
@@ -139,15 +139,17 @@ def collect(
     task: Task,
     state: FittedState,
     penalty: Float[Array, " cells"],
-) -> tuple[Flights, Measurements, RoundStatistics]:
+) -> tuple[Flights, CellMeasurements, RoundStatistics]:
     """`steps_per_round` steps of every flight with the Boltzmann policy of the averaged network."""
     temperature = exploration_at(settings, state.round)
     model = penalty if settings.penalty_model else None
 
-    def fly_step(carry: tuple[Flights, Measurements, Array], key: Array) -> tuple[tuple[Flights, Measurements, Array], None]:
+    def fly_step(
+        carry: tuple[Flights, CellMeasurements, Array], key: Array
+    ) -> tuple[tuple[Flights, CellMeasurements, Array], None]:
         flights, memory, ended = carry
         key_action, key_noise, key_new = jax.random.split(key, 3)
-        q = action_values(state.average, arena, task, model, flights.cell, flights.goal)
+        q = flying_values(state.average, arena, task, model, flights.cell, flights.goal)
         rarely = settings.count_bonus / jnp.sqrt(1.0 + memory.count[arena.next_cell[flights.cell]])
         action = (q + rarely + boltzmann_noise(key_action, temperature, q.shape)).argmax(-1)
         entered = arena.next_cell[flights.cell, action]

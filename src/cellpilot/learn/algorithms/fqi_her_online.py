@@ -22,7 +22,7 @@ from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import receiver, start_and_goal
 from cellpilot.learn.compile import single_precision
 from cellpilot.learn.compiled import train_chunk
-from cellpilot.learn.penalty import Measurements, measure, penalty_model
+from cellpilot.learn.penalty import CellMeasurements, measure, penalty_model
 from cellpilot.policies import LearnedPolicy
 from cellpilot.streams import Flying, Learning, learning_key, stream
 from cellpilot.task import Task
@@ -52,7 +52,7 @@ def train_beforehand(settings: FQIHER, world: World, task: Task, seed: int) -> F
 
 
 @single_precision
-def remembered(memory: Measurements) -> Measurements:
+def remembered(memory: CellMeasurements) -> CellMeasurements:
     """Each measured cell as if it had been measured twice, with its mean and spread."""
     count = jnp.maximum(memory.count, 1)
     mean_db = memory.first_db + memory.sum_db / count
@@ -62,7 +62,7 @@ def remembered(memory: Measurements) -> Measurements:
     first_db = mean_db - jnp.sqrt(variance)
     step_db = 2 * jnp.sqrt(variance)
     zero = jnp.zeros_like(mean_db)
-    return Measurements(
+    return CellMeasurements(
         jnp.where(seen, 2, 0).astype(memory.count.dtype),
         jnp.where(seen, first_db, zero),
         jnp.where(seen, step_db, zero),

@@ -10,7 +10,7 @@ from cellpilot.airspace import ENTERED, MOVED
 from cellpilot.envs.arena import Arena
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.pair_network import PairNetwork, corrections
-from cellpilot.learn.penalty import Measurements, replayed_penalty
+from cellpilot.learn.penalty import CellMeasurements, replayed_penalty
 from cellpilot.policies.pair_value import distance, neighbour, upper_bound
 from cellpilot.task import Task
 
@@ -47,7 +47,7 @@ def pair_values(
     return bound + corrections(network, arena.sides, cell, goal), bound
 
 
-def move_rewards(arena: Arena, task: Task) -> Float[Array, "cells actions"]:
+def arena_move_rewards(arena: Arena, task: Task) -> Float[Array, "cells actions"]:
     """The part of the reward that the move decides; -inf for a move that is not offered."""
     cell, action = jnp.arange(arena.n_cells)[:, None], jnp.arange(arena.next_cell.shape[1])[None, :]
     reward = jnp.broadcast_to(task.move_reward(cell, action, arena.next_cell, arena.event), arena.event.shape)
@@ -60,7 +60,7 @@ def targets(
     arena: Arena,
     task: Task,
     network: PairNetwork,
-    memory: Measurements,
+    memory: CellMeasurements,
     penalty: Float[Array, " cells"],
     goals: Int[Array, " goals"],
 ) -> tuple[Float[Array, "cells goals"], Float[Array, "cells goals"]]:
@@ -74,7 +74,7 @@ def targets(
     values, bound = pair_values(network, arena, task, model, cell, goal)
     least = jnp.minimum(values.min(0), bound)
     if not settings.penalty_model:
-        value = (least[arena.next_cell] + move_rewards(arena, task)[..., None]).max(1)
+        value = (least[arena.next_cell] + arena_move_rewards(arena, task)[..., None]).max(1)
         reached, over = task.end(cell, jnp.where((arena.part < 0) & arena.ends, ENTERED, MOVED)[:, None], goal)
         low = replayed_penalty(key, memory, task.threshold_db)[:, None]
         target = task.entering_reward(cell, low, reached) + jnp.where(over, 0.0, task.discount * value)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellpilot.airspace import Airspace
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.evaluate.instances import sample_pairs
 from cellpilot.grid import Grid, Position
@@ -26,7 +27,6 @@ from cellpilot.streams import Flying, stream
 from cellpilot.task import Task, Transition
 from cellpilot.world import World
 
-FloatArray = NDArray[np.float64]
 DEFAULT_KERNEL = Kernel()
 """Before the first estimate, and the medians of its prior."""
 POLICY = "map-learner"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cellpilot.learn.learner import Learner, Place
 
 Counts = Annotated[tuple[Count, ...], Strict(False)]
-MAX_CELLS = 3_000
+MOST_LEARNED_CELLS = 3_000
 """Larger maps are refused: the posterior would hold more than 9 million covariances for each seed."""
 
 
@@ -56,9 +56,10 @@ class MapLearning(LearnerSettings):
 
     def check_fits(self, task: Task, grid: Grid, n_seeds: int = 1) -> None:
         """`InputError` for a grid that is too large, or a reward that a policy file cannot hold."""
-        if grid.n_cells > MAX_CELLS:
+        if grid.n_cells > MOST_LEARNED_CELLS:
             raise InputError(
-                f"map-learner can hold {MAX_CELLS:,} cells, the map has {grid.n_cells:,}: use larger bins, a part, or fqi-her"
+                f"map-learner can hold {MOST_LEARNED_CELLS:,} cells, the map has {grid.n_cells:,}:"
+                " use larger bins, a part, or fqi-her"
             )
         if task.more:
             raise InputError(

@@ -6,12 +6,11 @@ Arithmetic only in what draws (`along_axes`), so that traced arrays go through i
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from cellpilot.array_types import FloatArray
 from cellpilot.grid import Grid
 
-FloatArray = NDArray[np.float64]
 Factors = tuple[Any, Any, Any]
 """A square matrix for each of x, y, z."""
 

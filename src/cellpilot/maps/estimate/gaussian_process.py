@@ -16,11 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import minimize
 
+from cellpilot.array_types import FloatArray, IndexArray
 from cellpilot.errors import InputError
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.signedinteger]
-Form = Literal["exponential", "matern-3/2", "matern-5/2"]
+KernelForm = Literal["exponential", "matern-3/2", "matern-5/2"]
 
 SMALLEST_NOISE_DB = 0.1
 """Smallest standard deviation of a measurement: below it rounding would decide."""
@@ -59,7 +58,7 @@ class Kernel:
     offset_std_db: float = 10.0  # of the constant common to all points
     height_offset_std_db: float = 5.0  # of the constant of each height; without effect where all points share one
     noise_std_db: float = 1.0  # of one measurement
-    form: Form = "exponential"
+    form: KernelForm = "exponential"
 
     def __post_init__(self) -> None:
         if self.form not in FORMS:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from cellpilot.errors import InputError
 from cellpilot.maps.estimate.methods import Estimate, Known, Method
 
-FloatArray = NDArray[np.float64]
 INTERVAL_STD = 1.959964
 """Half of a 95 % interval in standard deviations."""
 

@@ -4,13 +4,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from cellpilot.array_types import FloatArray
 from cellpilot.maps.estimate.gaussian_process import Kernel, Measurements, estimate_kernel
 from cellpilot.maps.estimate.local import interpolate_locally
-
-FloatArray = NDArray[np.float64]
 
 
 class Known(NamedTuple):

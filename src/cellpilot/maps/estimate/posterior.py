@@ -19,18 +19,18 @@ from cellpilot.maps.estimate.local import EXACT_POINTS
 
 EXACT_CELLS = 2_000
 """A factor of so many cells takes 16 MB, and a draw reads all of it."""
-MOST_CELLS = 100_000
+MOST_POSTERIOR_CELLS = 100_000
 """Beyond, their standard deviations given 1,500 measured cells take more than some ten seconds."""
 AT_ONCE = 2_000
 
 
 def too_large(n_cells: int, n_measured: int) -> str | None:
     """Why the posterior of so many cells is not drawn from; None if it is."""
-    if n_cells <= EXACT_CELLS or (n_cells <= MOST_CELLS and n_measured <= EXACT_POINTS):
+    if n_cells <= EXACT_CELLS or (n_cells <= MOST_POSTERIOR_CELLS and n_measured <= EXACT_POINTS):
         return None
     return (
         f"{n_cells} cells, {n_measured} of them measured, are too many to draw from the posterior"
-        f" (at most {EXACT_CELLS} cells, or {MOST_CELLS} with {EXACT_POINTS} measured)"
+        f" (at most {EXACT_CELLS} cells, or {MOST_POSTERIOR_CELLS} with {EXACT_POINTS} measured)"
     )
 
 

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.maps.fields import BLOCKED, CELL, FIELDS
 from cellpilot.maps.reasons import MOST_REASONS, NO_SINR, TABLE, Reason, parsed_reasons, reasons_of_mask, with_reason
 from cellpilot.maps.schema import RadioMap, make_map, validate
-
-FloatArray = NDArray[np.float64]
 
 VARIABLES = tuple(name for name, field in FIELDS.items() if field.dims == CELL)
 """Names of the variables over cells, SINR first."""

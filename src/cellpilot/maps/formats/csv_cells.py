@@ -31,7 +31,7 @@ from cellpilot.maps.schema import RadioMap, anchor_of
 from cellpilot.maps.text_table import LONGEST_LINE, Column, open_table
 from cellpilot.storage import parse_json, write_atomically
 
-MARK = "# cellpilot map "
+CSV_MARK = "# cellpilot map "
 SUM = "sha256"
 """Entry of line 1: checksum of the other attributes and of all lines below, whatever their line ends."""
 PLACES = ("x_m", "y_m", "z_m")
@@ -61,7 +61,7 @@ def write(dataset: RadioMap, path: Path) -> None:
     writer.writerows(zip(*texts.values(), strict=True))
     below = file.getvalue()
     attributes |= {SUM: _sum(attributes, [below.encode()])}
-    write_atomically(path, f"{MARK}{json.dumps(attributes, sort_keys=True)}\n{below}")
+    write_atomically(path, f"{CSV_MARK}{json.dumps(attributes, sort_keys=True)}\n{below}")
 
 
 def read(path: Path) -> RadioMap:
@@ -113,9 +113,9 @@ def read_attributes(path: Path) -> dict[str, Any]:
     """The attributes in line 1; `InputError` if it is damaged, or its checksum is that of other lines."""
     with path.open("rb") as file:
         first = file.readline(LONGEST_LINE).removeprefix(b"\xef\xbb\xbf")
-        if not first.startswith(MARK.encode()):
+        if not first.startswith(CSV_MARK.encode()):
             return {}
-        text = first.decode("utf-8", "replace").removeprefix(MARK)
+        text = first.decode("utf-8", "replace").removeprefix(CSV_MARK)
         attributes = parse_json(text, f"{path}, line 1", "expected the line as cellpilot wrote it, or none")
         stated = attributes.pop(SUM, None)
         if stated is not None and stated != _sum(attributes, file):

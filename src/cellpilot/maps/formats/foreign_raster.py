@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import Anchor, to_degrees, to_local
 
@@ -13,8 +14,6 @@ if TYPE_CHECKING:
     from rasterio.io import DatasetReader
 
 WGS84 = "EPSG:4326"
-
-FloatArray = NDArray[np.float64]
 
 
 class LocalGrid(NamedTuple):

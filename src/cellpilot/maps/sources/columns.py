@@ -6,8 +6,8 @@ from cellpilot.errors import InputError
 from cellpilot.maps.sources.log_format import LogFormat, rsrp, rsrq, sinr
 from cellpilot.maps.text_table import Column
 
-NAMES = ("lat", "lon", "sinr", "alt", "rsrp", "rsrq", "cell", "time", "accuracy")
-REQUIRED = ("lat", "lon", "sinr")
+COLUMN_NAMES = ("lat", "lon", "sinr", "alt", "rsrp", "rsrq", "cell", "time", "accuracy")
+REQUIRED_ROLES = ("lat", "lon", "sinr")
 METRES_PER_UNIT = {"m": 1.0, "ft": 0.3048}
 """The international foot."""
 
@@ -28,12 +28,14 @@ def named_columns(
     chosen: dict[str, str] = {}
     for part in text.split(","):
         name, equals, column = (piece.strip() for piece in part.partition("="))
-        if not equals or not column or name not in NAMES or name in chosen:
-            raise InputError(f"--columns has {part.strip()!r}; expected NAME=COLUMN with each of {', '.join(NAMES)} at most once")
+        if not equals or not column or name not in COLUMN_NAMES or name in chosen:
+            raise InputError(
+                f"--columns has {part.strip()!r}; expected NAME=COLUMN with each of {', '.join(COLUMN_NAMES)} at most once"
+            )
         chosen[name] = column
-    for name in REQUIRED:
+    for name in REQUIRED_ROLES:
         if name not in chosen:
-            raise InputError(f"--columns names no column for {name}; expected at least {', '.join(REQUIRED)}")
+            raise InputError(f"--columns names no column for {name}; expected at least {', '.join(REQUIRED_ROLES)}")
     factor, altitude = 1.0, None
     if "alt" not in chosen or height_stated:
         for flag, given in (("--altitude-unit", altitude_unit), ("--altitude-reference", altitude_reference)):

@@ -18,12 +18,12 @@ from cellpilot.maps.sources.drive_test import DRIVE_TEST
 from cellpilot.maps.sources.gnettrack import GNETTRACK
 from cellpilot.maps.sources.log_format import LogFormat
 from cellpilot.maps.sources.network_survey import NETWORK_SURVEY_LTE, NETWORK_SURVEY_NR
-from cellpilot.maps.text_table import LATITUDE_DEG, LONGITUDE_DEG, Column, Row, Table, open_table
+from cellpilot.maps.text_table import LATITUDE_DEG, LONGITUDE_DEG, Column, Table, TextRow, open_table
 
-FORMATS = (DRIVE_TEST, GNETTRACK, NETWORK_SURVEY_LTE, NETWORK_SURVEY_NR)
+LOG_FORMATS = (DRIVE_TEST, GNETTRACK, NETWORK_SURVEY_LTE, NETWORK_SURVEY_NR)
 """A new kind of log is one file beside this one and its line here."""
 
-FARTHEST_KM = 200.0
+FARTHEST_SAMPLE_KM = 200.0
 """No flight leads farther from the middle of its log: exchanged coordinates do."""
 
 DAY = re.compile(r"(20\d\d)[-./](0[1-9]|1[0-2])[-./](0[1-9]|[12]\d|3[01])(?!\d)")
@@ -94,7 +94,7 @@ def read_log(path: str | Path, options: LogOptions = LogOptions()) -> tuple[Samp
     return samples, account
 
 
-def _sample(row: Row, f: LogFormat, options: LogOptions) -> tuple[object, ...] | str:
+def _sample(row: TextRow, f: LogFormat, options: LogOptions) -> tuple[object, ...] | str:
     """Time, latitude, longitude, SINR, RSRP, RSRQ, altitude and cell of a line, or why it is left out."""
     if f.is_note(row.fields):
         return "notes"
@@ -136,9 +136,9 @@ def _exists(day: str) -> bool:
 
 
 def _recognised(table: Table) -> LogFormat:
-    fitting = [f for f in FORMATS if set(f.signature) <= set(table.names)]
+    fitting = [f for f in LOG_FORMATS if set(f.signature) <= set(table.names)]
     if not fitting:
-        known = "; ".join(f"{f.name}: {', '.join(f.signature)}" for f in FORMATS)
+        known = "; ".join(f"{f.name}: {', '.join(f.signature)}" for f in LOG_FORMATS)
         raise InputError(
             f"{table.path}: a log of unknown kind with {table.shown()}; known are {known};"
             " or name the columns: --columns lat=..,lon=..,alt=..,sinr=.."
@@ -184,8 +184,8 @@ def _stated_height_m(path: Path, f: LogFormat, options: LogOptions) -> float | N
 
 def _check_together(path: Path, lines: list[int], samples: Samples) -> None:
     row, distance_km = farthest_from_the_rest(samples.latitude_deg, samples.longitude_deg)
-    if distance_km > FARTHEST_KM:
+    if distance_km > FARTHEST_SAMPLE_KM:
         raise InputError(
             f"{path}, line {lines[row]}: latitude {samples.latitude_deg[row]:g}, longitude {samples.longitude_deg[row]:g} lies"
-            f" {distance_km:,.0f} km from the middle of the log; expected at most {FARTHEST_KM:g} km: are they exchanged?"
+            f" {distance_km:,.0f} km from the middle of the log; expected at most {FARTHEST_SAMPLE_KM:g} km: are they exchanged?"
         )

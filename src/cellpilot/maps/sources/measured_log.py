@@ -5,8 +5,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.maps.account import ATTRIBUTE, ImportAccount, LevelAccount, LogAccount
 from cellpilot.maps.estimate.fill import FillMethod, fill
@@ -20,7 +20,6 @@ from cellpilot.maps.settings import LOGS
 from cellpilot.maps.sources.logs import LogOptions, read_log
 from cellpilot.storage import resolved
 
-FloatArray = NDArray[np.float64]
 Trend = Callable[[RadioMap], FloatArray]
 """SINR [dB] that a model predicts in every cell `[z, y, x]` of a map."""
 

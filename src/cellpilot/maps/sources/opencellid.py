@@ -20,7 +20,7 @@ from cellpilot.radio import ColumnAntenna, Deployment
 from cellpilot.radio.ranges import check_range
 from cellpilot.radio.settings import COLUMN, HEXAGONAL
 
-COLUMNS = (
+OPENCELLID_COLUMNS = (
     "radio", "mcc", "net", "area", "cell", "unit", "lon", "lat", "range", "samples", "changeable", "created", "updated",
     "averageSignal",
 )  # fmt: skip
@@ -88,11 +88,13 @@ def read_opencellid(
     path = Path(path)
     sites: dict[tuple[str, int], list[tuple[float, float, float]]] = {}
     dropped: Counter[str] = Counter()
-    table, rows = open_table(path, "list of cells from OpenCelliD", COLUMNS)
+    table, rows = open_table(path, "list of cells from OpenCelliD", OPENCELLID_COLUMNS)
     table.require(("radio", "mcc", "net", "cell", "lon", "lat"))
     for row in rows:
         if row.fields[0].strip().lower() == "radio":
-            raise row.error(f"a header with other columns than an OpenCelliD export; expected {','.join(COLUMNS)}, or no header")
+            raise row.error(
+                f"a header with other columns than an OpenCelliD export; expected {','.join(OPENCELLID_COLUMNS)}, or no header"
+            )
         row.check_width()
         if row.text("radio").upper() != "LTE":
             dropped[f"of radio {row.text('radio') or 'unknown'}"] += 1

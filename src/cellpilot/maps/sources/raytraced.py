@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import Anchor
 from cellpilot.maps.reasons import INSIDE_BUILDING, NO_RAY
@@ -22,8 +23,6 @@ from cellpilot.maps.schema import RadioMap, make_map
 from cellpilot.maps.sectors import NOISE_FIGURE, sectors_of
 from cellpilot.radio import ColumnAntenna, Deployment, Interference, hexagonal_deployment
 from cellpilot.units import to_db
-
-FloatArray = NDArray[np.float64]
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 LLVM_PLACES = (

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import Anchor
 from cellpilot.maps.limits import check_size
@@ -15,7 +16,6 @@ from cellpilot.maps.settings import AREA
 from cellpilot.radio import Deployment, LosMode, Reception, simulate
 from cellpilot.radio.settings import PROPAGATION
 
-FloatArray = NDArray[np.float64]
 Range = tuple[float, float]
 
 STRIP_POINTS = 2**17

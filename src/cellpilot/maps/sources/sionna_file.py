@@ -18,8 +18,8 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellpilot.array_types import FloatArray
 from cellpilot.errors import InputError
 from cellpilot.maps.limits import check_size
 from cellpilot.maps.reasons import NO_RAY
@@ -29,8 +29,6 @@ from cellpilot.maps.text_table import UNREADABLE
 from cellpilot.radio import Interference
 from cellpilot.radio.settings import HEXAGONAL
 from cellpilot.units import to_db
-
-FloatArray = NDArray[np.float64]
 
 SUFFIX = ".npz"
 CENTRES = "cell_centers"

@@ -32,7 +32,7 @@ import numpy as np
 
 from cellpilot.errors import InputError
 from cellpilot.maps.geodesy import MAX_LATITUDE_DEG, Anchor, farthest_from_the_rest, to_degrees, to_local
-from cellpilot.maps.text_table import LONGITUDE_DEG, Column, Row, Table, for_spreadsheets, from_spreadsheets, open_table
+from cellpilot.maps.text_table import LONGITUDE_DEG, Column, Table, TextRow, for_spreadsheets, from_spreadsheets, open_table
 from cellpilot.radio import Antenna, AntennaFile, ColumnAntenna, Deployment, PatternAntenna, read_antenna
 from cellpilot.radio.antenna_file import antenna_text
 from cellpilot.radio.interference import RESOURCE_BLOCKS
@@ -41,14 +41,14 @@ from cellpilot.radio.settings import COLUMN, HEXAGONAL
 from cellpilot.storage import write_atomically
 
 DEGREES, METRES = ("latitude", "longitude"), ("x_m", "y_m")
-REQUIRED = ("site_id", "height_m", "sector_id", "azimuth_deg", "antenna", "power_dbm", "carrier_mhz", "bandwidth_mhz")
+REQUIRED_COLUMNS = ("site_id", "height_m", "sector_id", "azimuth_deg", "antenna", "power_dbm", "carrier_mhz", "bandwidth_mhz")
 
 NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)\s*"
 COLUMN_ANTENNA = re.compile(rf"column\(\s*(\d{{1,4}})\s*,{NUMBER}(?:,{NUMBER})?\)", re.IGNORECASE)
 FARTHEST_M = 2e7
 """Half way round the Earth: what lies farther east or north [m] is no place. Coordinates of UTM lie within."""
 POWER_DBM = (-50.0, 100.0)
-FARTHEST_KM = 200.0
+FARTHEST_SITE_KM = 200.0
 """A site farther from the middle of its list is taken for a mistake: exchanged coordinates, a lost sign."""
 
 
@@ -71,7 +71,7 @@ def read_sites(path: str | Path, anchor: Anchor | None = None, noise_figure_db: 
     path = Path(path)
     table, rows = open_table(path, "site list")
     in_degrees = _in_degrees(table)
-    table.require(REQUIRED)
+    table.require(REQUIRED_COLUMNS)
     reader = _SectorReader(path.parent, in_degrees)
     sectors = [reader.sector(row) for row in rows]
     if not sectors:
@@ -218,7 +218,7 @@ class _SectorReader:
     sectors: dict[tuple[str, str], int] = field(default_factory=dict)  # line of each
     antennas: dict[tuple[Any, ...], Antenna] = field(default_factory=dict)
 
-    def sector(self, row: Row) -> dict[str, Any]:
+    def sector(self, row: TextRow) -> dict[str, Any]:
         """Arguments of `Deployment` for this sector, its place and its name."""
         row.check_width()
         self.lines.append(row.line)
@@ -246,7 +246,7 @@ class _SectorReader:
             "name": sector_name(site_id, sector_id),
         }
 
-    def _antenna(self, row: Row) -> Antenna:
+    def _antenna(self, row: TextRow) -> Antenna:
         text = _needed_text(row, "antenna")
         electrical_deg = row.number(Column("electrical_tilt_deg", -90.0, 90.0, "deg"))
         mechanical_deg = row.number(Column("mechanical_tilt_deg", -90.0, 90.0, "deg"))
@@ -285,7 +285,7 @@ def _in_degrees(table: Table) -> bool:
     return bool(given[0])
 
 
-def _needed_text(row: Row, name: str) -> str:
+def _needed_text(row: TextRow, name: str) -> str:
     # An operator may call a site NA: what stands for no value elsewhere is a name here.
     text = from_spreadsheets(row.fields[row.table.names.index(name)].strip())
     if not text:
@@ -293,7 +293,7 @@ def _needed_text(row: Row, name: str) -> str:
     return text
 
 
-def _bandwidth_hz(row: Row) -> float:
+def _bandwidth_hz(row: TextRow) -> float:
     bandwidth_hz = 1e6 * row.needed(Column("bandwidth_mhz", 1.4, 20.0, "MHz"))
     if bandwidth_hz not in RESOURCE_BLOCKS:
         allowed = ", ".join(f"{hz / 1e6:g}" for hz in RESOURCE_BLOCKS)
@@ -303,10 +303,10 @@ def _bandwidth_hz(row: Row) -> float:
 
 def _check_together(path: Path, lines: list[int], latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> None:
     row, distance_km = farthest_from_the_rest(latitude_deg, longitude_deg)
-    if distance_km > FARTHEST_KM:
+    if distance_km > FARTHEST_SITE_KM:
         raise InputError(
             f"{path}, line {lines[row]}: latitude {latitude_deg[row]:g}, longitude {longitude_deg[row]:g} lies"
-            f" {distance_km:,.0f} km from the middle of the sites; expected at most {FARTHEST_KM:g} km: are they exchanged?"
+            f" {distance_km:,.0f} km from the middle of the sites; expected at most {FARTHEST_SITE_KM:g} km: are they exchanged?"
         )
 
 
