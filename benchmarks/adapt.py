@@ -16,13 +16,13 @@ import xarray as xr
 from machine import cpu_name, usable_cores
 from rich.console import Console
 
-from cellpilot.adapt import in_words, summary, verdict
 from cellpilot.cli.adapt import main as adapt
 from cellpilot.provenance import versions
 from cellpilot.report.adaptation import draw_adapt
 from cellpilot.report.figures import save_figure
 from cellpilot.report.style import drawing_settings
 from cellpilot.storage import write_atomically
+from cellpilot.studies.adapt_words import in_words, summary, verdict
 
 HERE = Path(__file__).parent
 TOML = "benchmarks/adapt"

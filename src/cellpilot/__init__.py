@@ -7,7 +7,7 @@ __version__ = "0.1.0"
 # `import cellpilot` stays far below the half second that xarray and JAX would take.
 _HOMES = {
     "errors": ("InputError",),
-    "experiment": ("make_map", "make_task"),
+    "experiment": ("build_map", "make_task"),
     "grid": ("Grid",),
     "plan.route": ("plan_route",),
     "policies": ("GreedyPolicy", "LearnedPolicy", "OptimalPolicy", "RandomPolicy", "load_parameters"),

@@ -8,26 +8,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from cellpilot.adapt import (
-    FROZEN,
-    NOTHING,
-    ONLINE,
-    PRIOR,
-    adapt,
-    checkpoints_up_to,
-    common_grid,
-    in_words,
-    likeness,
-    make_transfer,
-    make_transfer_maps,
-    read_place,
-    summary,
-    verdict,
-)
 from cellpilot.errors import InputError
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.maps import Anchor, RadioMap, make_map
 from cellpilot.scenario import MeasuredMap, SimulatedMap
+from cellpilot.studies.adapt import adapt, checkpoints_up_to, likeness
+from cellpilot.studies.adapt_arms import FROZEN, NOTHING, ONLINE, PRIOR
+from cellpilot.studies.adapt_maps import common_grid, make_transfer, make_transfer_maps, read_place
+from cellpilot.studies.adapt_words import in_words, summary, verdict
 from cellpilot.task import Task
 
 TASK = Task(max_steps=140)

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from cli_tools import BRIEF_FLAGS, Cli
 
-from cellpilot import studies
+from cellpilot.studies import sensitivity as studies
 
 FEW = ("--learner.episodes", "12", "--learner.replay-start", "100")
 

@@ -12,7 +12,7 @@ from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse_scenario
 from cellpilot.runs import open_or_create_run
 from cellpilot.storage import hold
-from cellpilot.studies import EARLY_EPISODES, ablation, check_ablation, early_return
+from cellpilot.studies.ablation import EARLY_EPISODES, ablation, check_ablation, early_return
 
 
 class AblationOptions(ScenarioOptions):

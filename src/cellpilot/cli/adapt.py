@@ -10,7 +10,6 @@ from pydantic import Field
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from cellpilot.adapt import ARMS, adapt, in_words, make_transfer, make_transfer_maps, read_place, summary, verdict
 from cellpilot.cli.console import out, share_bar, warn
 from cellpilot.cli.options import command_line, parse
 from cellpilot.errors import InputError
@@ -21,6 +20,10 @@ from cellpilot.maps.settings import LOGS
 from cellpilot.provenance import versions
 from cellpilot.scenario import RewardSettings, Scenario, Settings
 from cellpilot.storage import hold, save_netcdf
+from cellpilot.studies.adapt import adapt
+from cellpilot.studies.adapt_arms import ARMS
+from cellpilot.studies.adapt_maps import make_transfer, make_transfer_maps, read_place
+from cellpilot.studies.adapt_words import in_words, summary, verdict
 
 if TYPE_CHECKING:
     from xarray import Dataset

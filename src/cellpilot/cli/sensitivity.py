@@ -11,7 +11,7 @@ from cellpilot.cli.options import ScenarioOptions, command_line, parse_scenario
 from cellpilot.evaluate import METRICS
 from cellpilot.runs import open_or_create_run
 from cellpilot.storage import hold
-from cellpilot.studies import sensitivity
+from cellpilot.studies.sensitivity import sensitivity
 
 
 class SensitivityOptions(ScenarioOptions):
