@@ -21,8 +21,10 @@ from cellpilot.maps import RadioMap, make_map, simulate_map
 from cellpilot.maps.reasons import blocked_cells
 from cellpilot.radio import ColumnAntenna, PatternAntenna, hexagonal_deployment
 from cellpilot.report.antenna import draw_antenna
-from cellpilot.report.map_views import SECTOR_COLOURS, draw_comparison, draw_map, heights_left_out
-from cellpilot.report.plane import round_length_m
+from cellpilot.report.comparison import draw_comparison
+from cellpilot.report.map_marks import round_length_m
+from cellpilot.report.map_views import draw_map, heights_left_out
+from cellpilot.report.serving import SECTOR_COLOURS
 
 CELLS = ("sinr", "probability", "serving", "spread", "uncertainty", "count")
 UNITS = {"sinr": "[dB]", "probability": "[1]", "spread": "[dB]", "uncertainty": "[dB]", "count": "[1]"}

@@ -9,9 +9,10 @@ from cellpilot.grid import Grid
 from cellpilot.maps import make_map
 from cellpilot.report.distributions import empirical_cdf, histogram_cdf, path_ratio_cdf, return_limits
 from cellpilot.report.learning import ablation_curves, moving_mean, sensitivity_curves, smoothing_window, windows, without_gaps
+from cellpilot.report.map_marks import site_places_m, special_cells
 from cellpilot.report.maps import hexagons_m, low_probability_maps, sinr_map_figure
 from cellpilot.report.numbers import percent, show
-from cellpilot.report.plane import cell_edges_m, chosen_heights, site_places_m, special_cells
+from cellpilot.report.plane import cell_edges_m, chosen_heights
 from cellpilot.report.policies import chosen_goals, meaningful_cells
 from cellpilot.world import World
 

@@ -3,6 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -12,24 +14,23 @@ from numpy.typing import NDArray
 from cellpilot.grid import Grid
 from cellpilot.maps import RadioMap, grid_of
 from cellpilot.maps.words import share_below
+from cellpilot.report.map_marks import (
+    draw_scale_and_north,
+    draw_sites,
+    outline_handle,
+    site_handle,
+    site_places_m,
+    sites_inside,
+)
+from cellpilot.report.map_panels import Panel, draw_panels, mark_handles
 from cellpilot.report.numbers import percent
 from cellpilot.report.plane import (
     FloatArray,
     chosen_heights,
-    draw_boresights,
     draw_cells,
-    draw_scale_and_north,
-    draw_sites,
-    draw_special_cells,
     hatch_area,
     outline_area,
-    outline_handle,
     plane_edges_m,
-    plane_panels,
-    site_handle,
-    site_places_m,
-    sites_inside,
-    special_handles,
     trim_height,
 )
 from cellpilot.report.style import BLUE, CHANCE_COLOURS, SINR_COLOURS, VERMILION, drawing_settings, legend_below, single_axes
@@ -114,30 +115,30 @@ def _sinr_map(radio_map: RadioMap, threshold_db: float) -> Figure:
     sinr_db = radio_map["sinr_db"].values
     known = sinr_db[np.isfinite(sinr_db)]
     low_db, high_db = float(known.min()), max(float(known.max()), float(known.min()) + 1.0)
-    figure, panels = plane_panels(grid, len(heights), width_in=4.6 if len(heights) == 1 else 6.3)
-    sites = sites_inside(radio_map, grid)
-    for axes, iz in zip(panels, heights, strict=True):
-        mesh = draw_cells(axes, grid, sinr_db[iz], SINR_COLOURS, low_db, high_db)
-        below = sinr_db[iz] < threshold_db
-        hatch_area(axes, grid, below, "////", "white")
-        outline_area(axes, grid, below)
-        draw_special_cells(axes, grid, radio_map, iz)
-        if len(sites):
-            draw_boresights(axes, radio_map, 0.08 * (grid.x_m[-1] - grid.x_m[0]))
-        draw_sites(axes, sites)
+
+    def panel(iz: int) -> Panel:
+        def draw(axes: Axes) -> QuadMesh:
+            mesh = draw_cells(axes, grid, sinr_db[iz], SINR_COLOURS, low_db, high_db)
+            below = sinr_db[iz] < threshold_db
+            hatch_area(axes, grid, below, "////", "white")
+            outline_area(axes, grid, below)
+            return mesh
+
         share = share_below(radio_map, iz, threshold_db)
         unknown = f"\n({share.unknown} of {share.free} unknown)" if share.unknown else ""
-        axes.set_title(f"{grid.z_m[iz]:g} m: {percent(share.share, digits=0)} below{unknown}")
+        return Panel(draw, iz, f"{grid.z_m[iz]:g} m: {percent(share.share, digits=0)} below{unknown}")
+
+    sites = len(sites_inside(radio_map, grid)) > 0
+    figure, panels, meshes = draw_panels(grid, [panel(iz) for iz in heights], radio_map, boresights=sites)
     draw_scale_and_north(panels[0], grid)
-    bar = figure.colorbar(mesh, ax=panels, label="mean SINR [dB]", pad=0.02)
+    bar = figure.colorbar(meshes[-1], ax=panels, label="mean SINR [dB]", pad=0.02)
     mark_on_bar(bar, threshold_db)
     if len(heights) < len(grid.z_m):
         figure.suptitle(f"{len(heights)} of {len(grid.z_m)} heights")
     handles: list[Line2D | Patch] = [
         Patch(facecolor="#3b5a8b", edgecolor="white", hatch="////", linewidth=0, label=f"SINR below {threshold_db:g} dB"),
         outline_handle(f"threshold {threshold_db:g} dB"),
-        *([site_handle()] if len(sites) else []),
-        *special_handles(radio_map, heights),
+        *mark_handles(radio_map, grid, heights),
     ]
     legend_below(figure, handles, columns=3)
     trim_height(figure)
@@ -167,16 +168,14 @@ def draw_low_probability(run: Content) -> Figure:
     heights = chosen_heights(len(grid.z_m), at_most=3)
     # One height: without and with noise side by side; several: one row of heights for each.
     columns = len(heights) if len(heights) > 1 else len(maps)
-    n_panels = len(maps) * len(heights)
-    figure, panels = plane_panels(grid, n_panels, columns, width_in=4.6 if n_panels == 1 else 6.3)
-    sites = sites_inside(run.radio_map, grid)
-    shown = [(name, values, iz) for name, values in maps.items() for iz in heights]
-    for axes, (name, values, iz) in zip(panels, shown, strict=True):
-        mesh = draw_cells(axes, grid, values[iz], CHANCE_COLOURS, 0.0, 1.0)
-        draw_special_cells(axes, grid, run.radio_map, iz)
-        draw_sites(axes, sites)
-        axes.set_title(name if len(heights) == 1 else f"{grid.z_m[iz]:g} m, {name}", fontsize=8.5)
-    figure.colorbar(mesh, ax=panels, label=f"P(SINR < {run.task.threshold_db:g} dB) in one step [1]", pad=0.02)
-    legend_below(figure, [*([site_handle()] if len(sites) else []), *special_handles(run.radio_map, heights)], columns=3)
+
+    def panel(name: str, iz: int) -> Panel:
+        draw = lambda axes: draw_cells(axes, grid, maps[name][iz], CHANCE_COLOURS, 0.0, 1.0)
+        return Panel(draw, iz, name if len(heights) == 1 else f"{grid.z_m[iz]:g} m, {name}", 8.5)
+
+    shown = [panel(name, iz) for name in maps for iz in heights]
+    figure, panels, meshes = draw_panels(grid, shown, run.radio_map, columns, boresights=False)
+    figure.colorbar(meshes[-1], ax=panels, label=f"P(SINR < {run.task.threshold_db:g} dB) in one step [1]", pad=0.02)
+    legend_below(figure, mark_handles(run.radio_map, grid, heights), columns=3)
     trim_height(figure)
     return figure

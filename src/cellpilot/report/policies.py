@@ -11,14 +11,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from cellpilot.policies import LearnedPolicy
-from cellpilot.report.plane import (
-    draw_cells,
-    draw_special_cells,
-    outline_area,
-    outline_handle,
-    plane_panels,
-    special_handles,
-)
+from cellpilot.report.map_marks import draw_special_cells, outline_handle, special_handles
+from cellpilot.report.plane import draw_cells, outline_area, plane_panels
 from cellpilot.report.style import GREEN, SINR_COLOURS, legend_below
 from cellpilot.runs.content import Content
 from cellpilot.solve import optimal_values

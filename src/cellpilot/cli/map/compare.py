@@ -27,8 +27,9 @@ class CompareOptions(Settings):
 def main(arguments: Sequence[str]) -> int:
     """Print the figures and draw both maps with their difference."""
     options = parse(CompareOptions, arguments, "cellpilot map compare", "Compare two maps of one grid.")
+    from cellpilot.report.comparison import draw_comparison
     from cellpilot.report.figures import check_picture_name, save_figure
-    from cellpilot.report.map_views import draw_comparison, heights_left_out
+    from cellpilot.report.map_views import heights_left_out
 
     check_picture_name(options.out)
     a, b = load_map(options.a), load_map(options.b)
