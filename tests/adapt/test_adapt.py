@@ -213,7 +213,7 @@ def test_one_seed_claims_no_difference() -> None:
     scores = np.array([[[0.7, 0.8]], [[0.0, 0.5]]])
     data = xr.Dataset({"score": (("arm", "seed", "flights"), scores)}, {"arm": [PRIOR, NOTHING], "flights": [0, 1]})
     (line,) = verdict(data)
-    assert "one seed" in line
+    assert "at least two seeds" in line
     assert "--seeds 2" in line
 
 
