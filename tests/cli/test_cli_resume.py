@@ -17,6 +17,7 @@ from cellpilot.storage import LOCK, TEMPORARY
 WRAPPER = """
 import os, signal, sys
 from cellpilot.learn import checkpoint, trainer
+from cellpilot.learn.compiled import CompiledProgram
 from cellpilot.cli.main import main
 
 moment, n = sys.argv[1], int(sys.argv[2])
@@ -28,7 +29,7 @@ def reached(what):
     count += what == moment
     return what == moment and count == n
 
-save_state, save_tensors, run_chunk = trainer.save_state, checkpoint.save_tensors, trainer._append
+save_state, save_tensors, run_chunk = trainer.save_state, checkpoint.save_tensors, CompiledProgram.run
 
 def save_and_stop(*arguments):
     save_state(*arguments)
@@ -44,14 +45,15 @@ def half_save_and_stop(*arguments):
         os.fsync = cut_and_stop
     save_tensors(*arguments)
 
-def append_and_stop(history, rows, n):
+def run_and_stop(program, packed, n_rounds):
+    done = run_chunk(program, packed, n_rounds)
     if reached("between two checkpoints"):
         os.kill(os.getpid(), signal.SIGKILL)
     if reached("Ctrl-C"):
         os.kill(os.getpid(), signal.SIGINT)
-    return run_chunk(history, rows, n)
+    return done
 
-trainer.save_state, checkpoint.save_tensors, trainer._append = save_and_stop, half_save_and_stop, append_and_stop
+trainer.save_state, checkpoint.save_tensors, CompiledProgram.run = save_and_stop, half_save_and_stop, run_and_stop
 sys.exit(main(sys.argv[3:]))
 """
 """Kills or interrupts its own process at the n-th occurrence of a moment, with a checkpoint after every 7 flights."""
@@ -162,7 +164,11 @@ def test_a_truncated_checkpoint_is_refused_and_kept(trained: Path, cli: Cli) -> 
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("episodes = 60", "episodes = 70"), ("threshold_db = 5.0", "threshold_db = 4.0"), ("double = true", "double = false")],
+    [
+        ("episodes = 60", "episodes = 70"),
+        ("threshold_db = 5.0", "threshold_db = 4.0"),
+        ("hindsight_ratio = 2", "hindsight_ratio = 3"),
+    ],
 )
 def test_a_checkpoint_of_other_settings_is_refused(trained: Path, cli: Cli, old: str, new: str) -> None:
     scenario = trained / "scenario.toml"
