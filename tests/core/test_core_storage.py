@@ -209,7 +209,7 @@ def test_a_damaged_header_without_a_seal_is_one_line(tmp_path: Path, capfd: pyte
     path = tmp_path / "d.nc"
     small_dataset().to_netcdf(path, engine="h5netcdf")
     whole = path.read_bytes()
-    for position in range(0, min(len(whole), 4000), 53):
+    for position in range(0, min(len(whole), 4000), 52):
         path.write_bytes(whole[:position] + bytes([whole[position] ^ 0x10]) + whole[position + 1 :])
         with suppress(InputError):
             load_netcdf(path, "a dataset")
