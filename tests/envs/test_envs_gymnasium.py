@@ -18,7 +18,7 @@ from cellpilot.envs.goal_env import GoalEnv
 from cellpilot.envs.vector_env import GoalVectorEnv
 from cellpilot.errors import InputError
 from cellpilot.experiment import build_map, make_task
-from cellpilot.maps import build_map as map_of
+from cellpilot.maps import make_map as map_of
 from cellpilot.maps import save_map
 from cellpilot.scenario import find_scenario, load_scenario
 from cellpilot.task import Task, Transition

@@ -59,9 +59,13 @@ def empty_rows(length: int) -> EpisodeStatistics:
     return EpisodeStatistics(jnp.zeros(length), jnp.zeros(length, jnp.int32), jnp.zeros(length, bool))
 
 
-def statistics(flight: Flight, task: Task) -> EpisodeStatistics:
-    """The row of one flight."""
-    return EpisodeStatistics(flight_return(flight, task), flight.n_steps, flight.reached)
+def end_episode(settings: DDQNHER, task: Task, state: LearnerState, flight: Flight) -> tuple[LearnerState, EpisodeStatistics]:
+    """The last lines of an episode: count it, renew the target network every C episodes, and the row of its flight."""
+    episode = state.episode + 1
+    renew = episode % settings.target_period == 0
+    target = jax.tree.map(lambda new, old: jnp.where(renew, new, old), state.online, state.target)
+    state = LearnerState(state.online, target, state.optimizer, state.replay, episode, state.env_steps + flight.n_steps)
+    return state, EpisodeStatistics(flight_return(flight, task), flight.n_steps, flight.reached)
 
 
 def exploration_at(settings: DDQNHER, episode: Int[Array, "..."]) -> Float[Array, "..."]:

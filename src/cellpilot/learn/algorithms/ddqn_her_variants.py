@@ -24,9 +24,9 @@ from cellpilot.learn.algorithms.ddqn_episode import (
     columns,
     coordinates_of,
     empty_rows,
+    end_episode,
     exploration_at,
     fill_with_random_flights,
-    statistics,
 )
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHERVariants
 from cellpilot.learn.checkpoint import policy_parameters
@@ -150,11 +150,7 @@ def run_round(
     flight = fly_once(key_flight, arena, members(state.online)[0], exploration_at(settings, state.episode))
     replay = populate_memory(key_hindsight, settings, state.replay, flight, arena.ends)
     state = optimize(key_batches, settings, arena, task, eqx.tree_at(lambda s: s.replay, state, replay))
-    episode = state.episode + 1
-    renew = episode % settings.target_period == 0
-    target = jax.tree.map(lambda new, old: jnp.where(renew, new, old), state.online, state.target)
-    env_steps = state.env_steps + flight.n_steps
-    return LearnerState(state.online, target, state.optimizer, state.replay, episode, env_steps), statistics(flight, task)
+    return end_episode(settings, task, state, flight)
 
 
 def fill_replay(key: Array, settings: DDQNHERVariants, arena: Arena, task: Task, state: LearnerState) -> LearnerState:
