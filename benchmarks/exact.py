@@ -19,7 +19,7 @@ from cellpilot.evaluate.metrics import METRICS, reached_share, score
 from cellpilot.evaluate.summary import Summary
 from cellpilot.experiment import build_map, make_task
 from cellpilot.learn.learner import Place
-from cellpilot.learn.trainer import train
+from cellpilot.learn.trainer import train_one
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
 from cellpilot.scenario import Scenario, find_scenario, load_scenario
 from cellpilot.solve import optimal_values
@@ -72,7 +72,7 @@ def case(name: str, scenario: Scenario, seeds: range, changes: dict[str, Any], a
     show(f"{name}: {low:.0%} of the cells low; optimum p90 {METRICS['path_ratio_p90'].compute(optimal):.3f}")
     for seed in seeds:
         began = time.perf_counter()
-        result = train(settings, Place(world, task), seed)
+        result = train_one(settings, Place(world, task), seed)
         seconds = time.perf_counter() - began
         parameters = result.policy_parameters({"task": task.as_dict()})
         learned = exhaustive_summary(None, world, task, LearnedPolicy(parameters, world.grid))

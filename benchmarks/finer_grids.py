@@ -17,7 +17,7 @@ from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.metrics import METRICS, reached_share, score
 from cellpilot.learn.algorithms.map_learner import learn_map
 from cellpilot.learn.algorithms.map_learner_settings import MapLearning
-from cellpilot.learn.trainer import train
+from cellpilot.learn.trainer import train_one
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
 
 console = Console(soft_wrap=True, highlight=False)
@@ -37,7 +37,7 @@ def main() -> None:
     for seed in range(options.seeds):
         for rounds in filter(None, options.rounds):
             began = time.perf_counter()
-            trained = train(case.settings.changed(rounds=rounds), case.place, seed)
+            trained = train_one(case.settings.changed(rounds=rounds), case.place, seed)
             seconds = time.perf_counter() - began
             parameters = trained.policy_parameters({"task": case.task.as_dict()})
             for moves in options.look_ahead:

@@ -162,13 +162,13 @@ def quality_point(learner: Learner, side: int, n_seeds: int, arguments: argparse
     """Score and share reached by arg max, trained in full or until the budget is spent."""
     from cellpilot.evaluate.exact import exhaustive_summary
     from cellpilot.evaluate.metrics import METRICS, reached_share, score
-    from cellpilot.learn.trainer import train
+    from cellpilot.learn.trainer import train_one
     from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
 
     case = make_case(learner, side)
     began = time.perf_counter()
     over = lambda: time.perf_counter() - began > arguments.quality_budget
-    result = train(case.settings, case.place, n_seeds - 1, interrupted=over)
+    result = train_one(case.settings, case.place, n_seeds - 1, interrupted=over)
     seconds = time.perf_counter() - began
     world, task = case.world, case.task
     about = {"task": task.as_dict()}

@@ -19,7 +19,7 @@ from cellpilot.evaluate.metrics import METRICS, score
 from cellpilot.evaluate.summary import Summary
 from cellpilot.experiment import build_map, make_task
 from cellpilot.learn.learner import Place
-from cellpilot.learn.trainer import train
+from cellpilot.learn.trainer import train_one
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy
 from cellpilot.scenario import MapFile, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
 from cellpilot.world import World
@@ -59,7 +59,7 @@ def show(name: str, task_of: Scenario, learners: dict[str, Scenario], world: Wor
         began = time.perf_counter()
         found = []
         for seed in range(n_seeds):
-            trained = train(scenario.learner, Place(world, task), seed)
+            trained = train_one(scenario.learner, Place(world, task), seed)
             parameters = trained.policy_parameters({"task": task.as_dict()})
             found.append(exhaustive_summary(None, world, task, LearnedPolicy(parameters, world.grid)))
         rows[f"{learner}, {n_seeds} seeds, {(time.perf_counter() - began) / n_seeds:.0f} s each"] = found

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from cellpilot.cli.console import out
-from cellpilot.evaluate import evaluate
+from cellpilot.evaluate import evaluate_policies
 from cellpilot.evaluate.instances import sample_pairs
 from cellpilot.experiment import build_map, make_task, make_world
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.base import LearnerSettings
 from cellpilot.learn.in_turn import FlightRow, InTurn
 from cellpilot.learn.learner import Learner, Place
-from cellpilot.learn.trainer import train
+from cellpilot.learn.trainer import train_one
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters
 from cellpilot.policies.tables import Q_TABLE
 from cellpilot.scenario import find_scenario, load_scenario
@@ -116,9 +116,11 @@ def main() -> None:
     radio_map = build_map(scenario.map)
     world = make_world(radio_map, scenario.task.noise_std_db, scenario.airspace)
     task = make_task(scenario.task, world.grid)
-    result = train(QLearning(), Place(world, task), seed=0)
+    result = train_one(QLearning(), Place(world, task), seed=0)
     learned = LearnedPolicy(result.policy_parameters({"task": task.as_dict()}), world.grid)
-    evaluation = evaluate(world, task, [GreedyPolicy(world), OptimalPolicy(world, task), learned], seed=0, n_sampled=1_000)
+    evaluation = evaluate_policies(
+        world, task, [GreedyPolicy(world), OptimalPolicy(world, task), learned], seed=0, n_sampled=1_000
+    )
     for name, figures in evaluation.policies.items():
         out.print(f"{name}: reached {figures['reached_share']:.1%}, score {figures['score']:.3f}")
 

@@ -8,13 +8,29 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
+EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
 def test_the_python_example_runs_as_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
-    exec(compile(example, "README.md", "exec"), {})
+    exec(compile(EXAMPLES[0], "README.md", "exec"), {})
     shares, status = capsys.readouterr().out.splitlines()
     assert "'greedy': 0.125" in shares
     assert "'optimal': 0.048" in shares
     assert status == "reached"
+
+
+def test_the_verbs_in_python_run_as_printed(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile(EXAMPLES[1], "README.md", "exec"), {})
+    assert len(EXAMPLES) == 2
+    lines = capsys.readouterr().out.splitlines()
+    for seed in (0, 1):
+        printed, status, score = lines[2 * seed].split()
+        assert (printed, status) == (str(seed), "reached")
+        assert float(score) > 0.98
+        assert (tmp_path / lines[2 * seed + 1]).is_file()
 
 
 @pytest.mark.parametrize(

@@ -213,7 +213,7 @@ class Airspace:
         size = np.bincount(self.part[self.part >= 0], minlength=1)
         found = np.flatnonzero((self.part >= 0) & (size[np.maximum(self.part, 0)] > 1)).astype(np.int32)
         if not found.size:
-            raise InputError("no connected pair of free cells: fly over more of the area or fill the map (--map.fill-radius-m)")
+            raise InputError("no connected pair of free cells: fly over more of the area or fill the map (`map.fill_radius_m`)")
         return found
 
     def shortest_steps(self, goals: IntArray) -> NDArray[np.float32]:

@@ -1,5 +1,6 @@
 """Text as a stream can show it: control characters made visible, and letters that its encoding lacks in plain ones."""
 
+import re
 import unicodedata
 
 PLAIN = {
@@ -65,3 +66,11 @@ def _letter(letter: str, encoding: str) -> str:
         if candidate:
             return candidate
     return "?"
+
+
+ARGUMENT = re.compile(r"`([a-z]\w*(?:\.[a-z]\w*)*)`")
+
+
+def as_flags(message: str) -> str:
+    """A message with the arguments that it names in backquotes (`map.bin_m`) as options of the command line."""
+    return ARGUMENT.sub(lambda found: f"--{found[1].replace('_', '-')}", message)

@@ -12,7 +12,7 @@ from cellpilot.errors import InputError
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.maps import Anchor, RadioMap, make_map
 from cellpilot.scenario import MeasuredMap, SimulatedMap
-from cellpilot.studies.adapt import adapt, checkpoints_up_to, likeness
+from cellpilot.studies.adapt import adaptation, checkpoints_up_to, likeness
 from cellpilot.studies.adapt_arms import FROZEN, NOTHING, ONLINE, PRIOR
 from cellpilot.studies.adapt_maps import common_grid, make_transfer, make_transfer_maps, read_place
 from cellpilot.studies.adapt_words import in_words, summary, verdict
@@ -133,12 +133,12 @@ def test_a_too_large_map_is_refused() -> None:
 def test_curves_repeat_and_only_the_arm_with_a_prior_knows_a() -> None:
     b = hills()
     transfer = make_transfer(hills(level_db=-4.0), b, TASK, 1.0)
-    data = adapt(transfer, 3, 2, MAP_ARMS)
+    data = adaptation(transfer, 3, 2, MAP_ARMS)
     assert data["flights"].values.tolist() == [0, 1, 2, 3]
     assert data["score"].dims == ("arm", "seed", "flights")
     assert (data["reached_share"].values == 1.0).all()
-    xr.testing.assert_identical(adapt(transfer, 3, 2, MAP_ARMS), data)
-    other = adapt(make_transfer(hills(phase=1.5), b, TASK, 1.0), 3, 2, MAP_ARMS)
+    xr.testing.assert_identical(adaptation(transfer, 3, 2, MAP_ARMS), data)
+    other = adaptation(make_transfer(hills(phase=1.5), b, TASK, 1.0), 3, 2, MAP_ARMS)
     np.testing.assert_array_equal(other["score"].sel(arm=NOTHING), data["score"].sel(arm=NOTHING))
     assert (other["score"].sel(arm=PRIOR) != data["score"].sel(arm=PRIOR)).any()
     seeds = data["score"].sel(arm=NOTHING, flights=3).values
@@ -146,7 +146,7 @@ def test_curves_repeat_and_only_the_arm_with_a_prior_knows_a() -> None:
 
 
 def test_a_right_prior_is_near_the_optimum_before_the_first_flight() -> None:
-    data = adapt(make_transfer(hills(), hills(), TASK, 0.0), 1, 1, MAP_ARMS)
+    data = adaptation(make_transfer(hills(), hills(), TASK, 0.0), 1, 1, MAP_ARMS)
     before = {arm: float(data["score"].sel(arm=arm, flights=0, seed=0)) for arm in MAP_ARMS}
     assert data.attrs["score_of_optimum_of_a"] == 1.0
     assert before[PRIOR] > 0.8
@@ -186,7 +186,7 @@ def test_the_table_has_the_lead_of_the_prior_seed_by_seed() -> None:
 
 def test_a_threshold_without_anything_to_gain_is_refused() -> None:
     with pytest.raises(InputError, match="no better than the shortest path"):
-        adapt(make_transfer(hills(), hills(), replace(TASK, threshold_db=-90.0), 0.0), 1, 1)
+        adaptation(make_transfer(hills(), hills(), replace(TASK, threshold_db=-90.0), 0.0), 1, 1)
 
 
 @pytest.mark.parametrize(("flights", "expected"), [(1, [0, 1]), (4, [0, 1, 2, 3, 4]), (10, [0, 1, 2, 3, 5, 7, 10])])
@@ -220,7 +220,7 @@ def test_one_seed_claims_no_difference() -> None:
 @pytest.mark.slow
 def test_the_deep_arms_know_a_and_only_one_of_them_learns() -> None:
     settings = FQIHER(rounds=40, flights=16, batch_size=256, hidden_units=32)
-    data = adapt(make_transfer(hills(), hills(phase=1.5), TASK, 0.0, settings), 15, 1, (FROZEN, ONLINE))
+    data = adaptation(make_transfer(hills(), hills(phase=1.5), TASK, 0.0, settings), 15, 1, (FROZEN, ONLINE))
     frozen, online = (data["score"].sel(arm=arm, seed=0).values for arm in (FROZEN, ONLINE))
     assert (frozen == frozen[0]).all()
     assert online[0] != online[-1]

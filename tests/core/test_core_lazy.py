@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[2] / "src" / "cellpilot"
-LAZY = ("cellpilot", "cellpilot.maps", "cellpilot.report")
+LAZY = ("cellpilot", "cellpilot.maps", "cellpilot.report", "cellpilot.service")
 
 
 @pytest.mark.parametrize("package", LAZY)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellpilot.evaluate import METRICS, evaluate
+from cellpilot.evaluate import METRICS, evaluate_policies
 from cellpilot.evaluate.evaluation import sampled_flights
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.evaluate.instances import Instances, all_pairs, count_pairs, sample_pairs
@@ -195,7 +195,7 @@ def test_pairs_cut_apart_are_counted(make_world: MakeWorld) -> None:
     world = make_world((7, 2, 1), blocked=blocked)
     assert count_pairs(world) == (14, 16)
     assert count_pairs(world, start=(0, 0, 0)) == (3, 2)
-    result = evaluate(world, Task(), [GreedyPolicy(world), OptimalPolicy(world, Task())], seed=0, n_sampled=500)
+    result = evaluate_policies(world, Task(), [GreedyPolicy(world), OptimalPolicy(world, Task())], seed=0, n_sampled=500)
     assert (result.n_pairs, result.unreachable_pairs) == (14, 16)
     assert all(row["reached_share"] == 1.0 for row in result.policies.values())
     instances = sample_pairs(np.random.default_rng(0), world, 500)
@@ -208,7 +208,7 @@ def test_every_policy_flies_the_same_instances(random_world: MakeWorld) -> None:
     world = random_world(8, (5, 5, 1), 0.2, 2.0)
     task = Task(max_steps=100)
     policies = [GreedyPolicy(world), replace(GreedyPolicy(world), name="again"), OptimalPolicy(world, task), RandomPolicy(world)]
-    result = evaluate(world, task, policies, seed=5, n_sampled=300)
+    result = evaluate_policies(world, task, policies, seed=5, n_sampled=300)
     shortest = result.flights["greedy"].shortest_steps
     for records in result.flights.values():
         np.testing.assert_array_equal(records.shortest_steps, shortest)
@@ -219,7 +219,7 @@ def test_every_policy_flies_the_same_instances(random_world: MakeWorld) -> None:
     instances = sample_pairs(np.random.default_rng([5, 0]), world, 300)
     np.testing.assert_array_equal(world.airspace.shortest_steps(instances.goal)[instances.start, np.arange(300)], shortest)
 
-    again, other = (evaluate(world, task, policies[:1], seed=seed, n_sampled=300) for seed in (5, 6))
+    again, other = (evaluate_policies(world, task, policies[:1], seed=seed, n_sampled=300) for seed in (5, 6))
     assert again.sampled["greedy"]["return_mean"] == result.sampled["greedy"]["return_mean"]
     assert (other.flights["greedy"].shortest_steps != shortest).any()
 
@@ -229,7 +229,7 @@ def test_sampled_figures_lie_around_the_exact_ones(random_world: MakeWorld) -> N
     world = random_world(9, (5, 5, 1), 0.0, 2.0)
     task = Task(max_steps=60)
     policies = [GreedyPolicy(world), OptimalPolicy(world, task), RandomPolicy(world)]
-    result = evaluate(world, task, policies, seed=1, n_sampled=4_000)
+    result = evaluate_policies(world, task, policies, seed=1, n_sampled=4_000)
     assert result.exhaustive
     for name, exact in result.policies.items():
         sampled = result.sampled[name]
@@ -249,7 +249,7 @@ def test_sampled_figures_lie_around_the_exact_ones(random_world: MakeWorld) -> N
 def test_too_many_pairs_are_sampled(random_world: MakeWorld) -> None:
     world = random_world(9, (4, 4, 1))
     shares: list[float] = []
-    result = evaluate(
+    result = evaluate_policies(
         world,
         Task(),
         [GreedyPolicy(world), RandomPolicy(world)],
@@ -269,7 +269,7 @@ def test_too_many_pairs_are_sampled(random_world: MakeWorld) -> None:
 def test_score_and_regret(random_world: MakeWorld) -> None:
     world = random_world(10, (5, 5, 1))
     task = Task(max_steps=100)
-    table = evaluate(
+    table = evaluate_policies(
         world, task, [GreedyPolicy(world), OptimalPolicy(world, task), RandomPolicy(world)], seed=1, n_sampled=50
     ).policies
     best, base = table["optimal"]["return_mean"], table["greedy"]["return_mean"]
@@ -284,10 +284,12 @@ def test_score_and_regret(random_world: MakeWorld) -> None:
 def test_no_score_where_there_is_nothing_to_gain_or_to_compare(make_world: MakeWorld) -> None:
     world = make_world((4, 4, 1))
     task = Task()
-    flat = evaluate(world, task, [GreedyPolicy(world), OptimalPolicy(world, task), RandomPolicy(world)], seed=1, n_sampled=20)
+    flat = evaluate_policies(
+        world, task, [GreedyPolicy(world), OptimalPolicy(world, task), RandomPolicy(world)], seed=1, n_sampled=20
+    )
     assert {row["score"] for row in flat.policies.values()} == {None}
     assert flat.policies["random"]["regret_mean"] > 0
-    alone = evaluate(world, task, [GreedyPolicy(world)], seed=1, n_sampled=20)
+    alone = evaluate_policies(world, task, [GreedyPolicy(world)], seed=1, n_sampled=20)
     assert alone.policies["greedy"]["score"] is None
     assert alone.policies["greedy"]["regret_mean"] is None
 
@@ -361,7 +363,7 @@ def test_on_a_large_map_sampled_flights_lead_to_few_goals_and_say_how_far_they_a
     assert np.unique(instances.start).size > 150
     shares: list[float] = []
     sampling = {"seed": 3, "n_sampled": 400, "max_exhaustive_pairs": 10}
-    found = evaluate(world, task, [GreedyPolicy(world), OptimalPolicy(world, task)], **sampling, progress=shares.append)
+    found = evaluate_policies(world, task, [GreedyPolicy(world), OptimalPolicy(world, task)], **sampling, progress=shares.append)
     assert not found.exhaustive
     assert len(shares) >= 6
     assert shares == sorted(shares)
@@ -369,5 +371,5 @@ def test_on_a_large_map_sampled_flights_lead_to_few_goals_and_say_how_far_they_a
     assert found.policies["optimal"]["return_mean"] > found.policies["greedy"]["return_mean"]
     # Small tables at a time change no number.
     monkeypatch.setattr(exact, "MOST_PAIRS", 10**9)
-    again = evaluate(world, task, [GreedyPolicy(world)], **sampling)
+    again = evaluate_policies(world, task, [GreedyPolicy(world)], **sampling)
     assert again.sampled["greedy"]["return_mean"] == found.sampled["greedy"]["return_mean"]

@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 
-from cellpilot.evaluate import evaluate
+from cellpilot.evaluate import evaluate_policies
 from cellpilot.experiment import build_map, make_policies, make_task
 from cellpilot.scenario import RewardSettings, SimulatedMap
 from cellpilot.world import World
@@ -17,7 +17,7 @@ def figures(heights_m: tuple[float, ...], noise_std_db: float, names: tuple[str,
     world = World.from_map(build_map(SimulatedMap(heights_m=heights_m)), noise_std_db)
     task = make_task(RewardSettings(noise_std_db=noise_std_db), world.grid)
     policies = [policy for policy in make_policies(world, task, 0.1, None) if policy.name in names]
-    return evaluate(world, task, policies, seed=0, n_sampled=10).policies
+    return evaluate_policies(world, task, policies, seed=0, n_sampled=10).policies
 
 
 def check(row: dict[str, float], expected: tuple[float, float, float, float]) -> None:

@@ -172,7 +172,7 @@ def test_a_map_file_is_read_and_logs_are_gridded(tmp_path: Path) -> None:
 
 
 def test_without_a_log_there_is_no_map() -> None:
-    with pytest.raises(InputError, match=r"needs a measured log: give --map\.logs FILE"):
+    with pytest.raises(InputError, match=r"needs a measured log: give `map\.logs` FILE"):
         make_measured_map(LogSettings())
 
 

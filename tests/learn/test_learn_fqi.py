@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from cellpilot.airspace import Airspace
 from cellpilot.envs.arena import make_arena
 from cellpilot.errors import InputError
-from cellpilot.evaluate import evaluate
+from cellpilot.evaluate import evaluate_policies
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms import fqi_her, fqi_her_targets
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
@@ -19,7 +19,7 @@ from cellpilot.learn.learner import Place
 from cellpilot.learn.losses import huber
 from cellpilot.learn.pair_network import sum_of_rows
 from cellpilot.learn.penalty import measure, no_measurements, penalty_model, replayed_penalty
-from cellpilot.learn.trainer import train
+from cellpilot.learn.trainer import train_one
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, load_parameters
 from cellpilot.policies.learned import save_parameters
 from cellpilot.policies.pair_value import distance, n_rows, pair_rows, upper_bound
@@ -48,7 +48,7 @@ collect = jax.jit(fqi_her.collect, static_argnums=(1, 3))
 
 def learn(world: World, task: Task, settings: FQIHER, seed: int = 0) -> LearnedPolicy:
     """Train and take the policy out."""
-    result = train(settings, Place(world, task), seed)
+    result = train_one(settings, Place(world, task), seed)
     return LearnedPolicy(result.policy_parameters({"task": task.as_dict()}), world.grid)
 
 
@@ -115,7 +115,7 @@ def test_the_policy_flies_on_numpy_as_it_was_trained(model: bool, tmp_path) -> N
     world, task = make_world(1, (4, 3, 2), 1.0, 3), Task(max_steps=60, rho_blocked=-0.3)
     settings = SMALL.changed(rounds=5, penalty_model=model, networks=2, look_ahead=1)
     place = Place(world, task)
-    result = train(settings, place, 0)
+    result = train_one(settings, place, 0)
     save_parameters(result.policy_parameters({"task": task.as_dict()}), tmp_path / "p.safetensors")
     goals = world.airspace.free_cells
     found = load_parameters(tmp_path / "p.safetensors").values(world.grid, goals)
@@ -137,7 +137,7 @@ def test_a_small_world_is_learned(model: bool, noise_std_db: float, networks: in
             rounds=60 if model else 200, penalty_model=model, networks=networks, look_ahead=SMALL.look_ahead if model else 1
         ),
     )
-    result = evaluate(world, task, [GreedyPolicy(world), OptimalPolicy(world, task), policy], seed=0, n_sampled=10)
+    result = evaluate_policies(world, task, [GreedyPolicy(world), OptimalPolicy(world, task), policy], seed=0, n_sampled=10)
     row = result.policies["learned/argmax"]
     assert row["reached_share"] == 1
     assert row["score"] > 0.97
@@ -154,7 +154,8 @@ def test_a_bonus_leads_to_cells_that_were_rarely_measured() -> None:
     world, task = make_world(6, (8, 8, 1), 1.0), Task(max_steps=100)
     settings = SMALL.changed(rounds=40, updates_per_round=1)
     counts = [
-        np.asarray(train(settings.changed(count_bonus=bonus), Place(world, task), 0).state.memory.count) for bonus in (0.0, 100.0)
+        np.asarray(train_one(settings.changed(count_bonus=bonus), Place(world, task), 0).state.memory.count)
+        for bonus in (0.0, 100.0)
     ]
     assert counts[0].sum() == counts[1].sum()
     assert counts[1].min() > 1.5 * counts[0].min()
@@ -184,9 +185,9 @@ def test_the_gradient_of_a_sum_of_rows_is_that_of_the_plain_sum() -> None:
 def test_seeds_differ_and_equal_seeds_are_equal_however_training_is_cut() -> None:
     world, task = make_world(4, noise_std_db=1.0), Task(max_steps=50)
     place, settings = Place(world, task), SMALL.changed(rounds=7)
-    whole = train(settings, place, 5, chunk_rounds=7)
-    cut = train(settings, place, 5, chunk_rounds=2)
-    other = train(settings, place, 6, chunk_rounds=7)
+    whole = train_one(settings, place, 5, chunk_rounds=7)
+    cut = train_one(settings, place, 5, chunk_rounds=2)
+    other = train_one(settings, place, 6, chunk_rounds=7)
     tables = [np.asarray(run.state.average.table) for run in (whole, cut, other)]
     assert np.array_equal(tables[0], tables[1])
     assert not np.allclose(tables[0], tables[2])
@@ -197,12 +198,12 @@ def test_seeds_differ_and_equal_seeds_are_equal_however_training_is_cut() -> Non
 def test_what_was_never_measured_changes_nothing() -> None:
     world, task = make_world(5, (8, 8, 1)), Task(max_steps=50)
     settings = SMALL.changed(rounds=1, flights=2, steps_per_round=6)
-    first = train(settings, Place(world, task), 0)
+    first = train_one(settings, Place(world, task), 0)
     never = np.flatnonzero(np.asarray(first.state.memory.count) == 0)
     assert 0 < never.size < 64
     other_db = np.where(np.isin(np.arange(64), never), np.float32(-20), world.signal.mean_db)
     changed = replace(world, signal=replace(world.signal, mean_db=other_db))
-    second = train(settings, Place(changed, task), 0)
+    second = train_one(settings, Place(changed, task), 0)
     for a, b in zip(jax.tree.leaves(first.state), jax.tree.leaves(second.state), strict=True):
         assert np.array_equal(np.asarray(a), np.asarray(b))
 
@@ -242,7 +243,7 @@ def test_a_training_flight_ends_at_its_cap_and_not_a_step_later() -> None:
 def test_a_round_in_which_no_flight_ends_has_no_value() -> None:
     task = Task(max_steps=400)
     arena = Place(make_world(0, (8, 8, 1)), task, (0, 0, 0), (7, 7, 0))
-    result = train(SMALL.changed(rounds=6, steps_per_round=4, flights=4), arena, 0)
+    result = train_one(SMALL.changed(rounds=6, steps_per_round=4, flights=4), arena, 0)
     ended = result.history["flights"] > 0
     assert not ended.all()
     for name in ("episode_return", "n_steps", "reached"):

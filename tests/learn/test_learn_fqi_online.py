@@ -12,7 +12,7 @@ from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import start_and_goal
 from cellpilot.learn.learner import Place
 from cellpilot.learn.penalty import measure, no_measurements, penalty_model
-from cellpilot.learn.trainer import TrainingResult, train
+from cellpilot.learn.trainer import TrainingResult, train_one
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -34,7 +34,7 @@ FEW = OnlineSettings(rounds_per_flight=2)
 @pytest.fixture(scope="module")
 def trained(make_world: MakeWorld) -> TrainingResult:
     """Trained where the west is bad."""
-    return train(SMALL, Place(make_world((6, 6, 1), np.where(np.arange(36) % 6 < 3, -5.0, 10.0)), TASK), 0)
+    return train_one(SMALL, Place(make_world((6, 6, 1), np.where(np.arange(36) % 6 < 3, -5.0, 10.0)), TASK), 0)
 
 
 def actions(trained: TrainingResult, world: World, seed: int = 0, flights: int = 3) -> list[bytes]:

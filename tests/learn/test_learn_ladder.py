@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from cellpilot.airspace import Airspace
-from cellpilot.evaluate import evaluate
+from cellpilot.evaluate import evaluate_policies
 from cellpilot.grid import Grid
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.learn.learner import Place
-from cellpilot.learn.trainer import train
+from cellpilot.learn.trainer import train_one
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters
 from cellpilot.signal import Signal
 from cellpilot.solve import optimal_values
@@ -62,7 +62,7 @@ CHUNK = 300
 def learned(name: str) -> PolicyParameters:
     world, episodes, _ = RUNGS[name]
     chunks = iter(range(episodes // CHUNK))
-    result = train(SETTINGS, Place(world, TASK), seed=0, chunk_rounds=CHUNK, interrupted=lambda: next(chunks, None) is None)
+    result = train_one(SETTINGS, Place(world, TASK), seed=0, chunk_rounds=CHUNK, interrupted=lambda: next(chunks, None) is None)
     assert int(result.state.episode) == episodes
     return result.policy_parameters({})
 
@@ -82,6 +82,6 @@ def test_the_highest_rung_returns_what_the_optimum_does() -> None:
     name = "5 x 5 with a bad wall"
     world = RUNGS[name][0]
     policies = [GreedyPolicy(world), OptimalPolicy(world, TASK), LearnedPolicy(learned(name), world.grid)]
-    table = evaluate(world, TASK, policies, seed=0, n_sampled=10).policies
+    table = evaluate_policies(world, TASK, policies, seed=0, n_sampled=10).policies
     assert table["learned/argmax"]["return_mean"] >= 0.99 * table["optimal"]["return_mean"]
     assert table["greedy"]["return_mean"] < 0.99 * table["optimal"]["return_mean"]  # else the rung would prove nothing

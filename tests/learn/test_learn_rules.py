@@ -10,7 +10,7 @@ import pytest
 
 from cellpilot.envs.arena import make_arena
 from cellpilot.envs.flight import Flight, fly
-from cellpilot.evaluate import evaluate
+from cellpilot.evaluate import evaluate_policies
 from cellpilot.evaluate.exact import fly_all
 from cellpilot.evaluate.instances import all_pairs
 from cellpilot.grid import Grid
@@ -18,7 +18,7 @@ from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariant
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.hindsight import hindsight_goals
 from cellpilot.learn.learner import Place
-from cellpilot.learn.trainer import train
+from cellpilot.learn.trainer import train_one
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, PolicyParameters, load_parameters
 from cellpilot.policies.learned import save_parameters
 from cellpilot.policies.onnx_file import save_onnx
@@ -37,7 +37,7 @@ RULES = [("stay", 4), ("mask", 4), ("end", 4), ("end", 8)]
 
 def learned(world: World, settings: FQIHER | DDQNHER) -> PolicyParameters:
     about = {"task": TASK.as_dict()}
-    result = train(settings, Place(world, TASK), 0)
+    result = train_one(settings, Place(world, TASK), 0)
     return result.policy_parameters(about).trained_in(world.airspace)
 
 
@@ -47,7 +47,7 @@ def test_fqi_her_learns_under_every_rule(random_world: MakeWorld, rule: str, n_m
     parameters = learned(world, FQI)
     parameters.check_airspace(world.airspace)
     policy = LearnedPolicy(parameters, world.grid)
-    result = evaluate(world, TASK, [GreedyPolicy(world), OptimalPolicy(world, TASK), policy], seed=0, n_sampled=10)
+    result = evaluate_policies(world, TASK, [GreedyPolicy(world), OptimalPolicy(world, TASK), policy], seed=0, n_sampled=10)
     assert result.policies["learned/argmax"]["reached_share"] == 1
     assert result.policies["learned/argmax"]["score"] > 0.95
 

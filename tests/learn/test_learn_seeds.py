@@ -14,7 +14,7 @@ from cellpilot.errors import InputError
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER
 from cellpilot.learn.checkpoint import named_leaves
 from cellpilot.learn.learner import Place
-from cellpilot.learn.trainer import TrainingProgress, TrainingResult, train, train_many
+from cellpilot.learn.trainer import TrainingProgress, TrainingResult, train_many, train_one
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -44,7 +44,7 @@ def arena(place: Place) -> Arena:
 
 @pytest.fixture(scope="module")
 def alone(place: Place) -> list[TrainingResult]:
-    return [train(SMALL, place, seed, chunk_rounds=5) for seed in SEEDS]
+    return [train_one(SMALL, place, seed, chunk_rounds=5) for seed in SEEDS]
 
 
 def assert_close(one: TrainingResult, other: TrainingResult) -> None:
@@ -70,7 +70,7 @@ def test_each_seed_is_the_training_it_would_be_alone(place: Place, alone: list[T
 def test_seeds_that_are_not_equally_far_catch_up(tmp_path: Path, place: Place, alone: list[TrainingResult]) -> None:
     files = [tmp_path / f"{seed}.safetensors" for seed in SEEDS]
     left = iter([False, True])
-    first = train(SMALL, place, SEEDS[1], checkpoint=files[1], chunk_rounds=5, interrupted=lambda: next(left))
+    first = train_one(SMALL, place, SEEDS[1], checkpoint=files[1], chunk_rounds=5, interrupted=lambda: next(left))
     assert len(first.history["reached"]) == 5
     left = iter([False] * 2 + [True])
     parts = train_many(SMALL, place, SEEDS, checkpoints=files, chunk_rounds=5, interrupted=lambda: next(left))
@@ -111,7 +111,7 @@ from cellpilot.signal import Signal
 from test_learn_seeds import SEEDS, SMALL, TASK, assert_close
 from cellpilot.grid import Grid
 from cellpilot.learn.learner import Place
-from cellpilot.learn.trainer import train, train_many
+from cellpilot.learn.trainer import train_one, train_many
 from cellpilot.world import World
 
 assert jax.local_device_count() == 2
@@ -122,7 +122,7 @@ place = Place(world, TASK)
 for n in (2, 3):  # three seeds do not divide by two devices
     together = train_many(SMALL, place, SEEDS[:n], chunk_rounds=5)
     for seed, result in zip(SEEDS, together):
-        assert_close(train(SMALL, place, seed, chunk_rounds=5), result)
+        assert_close(train_one(SMALL, place, seed, chunk_rounds=5), result)
 print("equal")
 """
 

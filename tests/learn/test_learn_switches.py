@@ -22,7 +22,7 @@ from cellpilot.learn.n_step import outcome_of_steps
 from cellpilot.learn.networks import Networks, members
 from cellpilot.learn.prioritised import importance_weights, renew_priorities
 from cellpilot.learn.replay import draw_rows
-from cellpilot.learn.trainer import TrainingResult, train, train_many
+from cellpilot.learn.trainer import TrainingResult, train_many, train_one
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -59,7 +59,7 @@ def arena(place: Place) -> Arena:
 @pytest.fixture(scope="module")
 def together(place: Place) -> TrainingResult:
     """All switches at once, in two chunks."""
-    return train(ALL, place, 3, chunk_rounds=4)
+    return train_one(ALL, place, 3, chunk_rounds=4)
 
 
 def flying(state: LearnerState) -> np.ndarray:
@@ -164,7 +164,7 @@ def test_two_networks_start_apart_and_the_first_as_it_would_alone(arena: Arena) 
 
 def test_without_a_switch_it_is_the_published_algorithm_bit_for_bit(place: Place) -> None:
     published = DDQNHER(**{name: getattr(SMALL, name) for name in DDQNHER.model_fields if name != "algorithm"})
-    one, other = (train(settings, place, 3) for settings in (published, SMALL))
+    one, other = (train_one(settings, place, 3) for settings in (published, SMALL))
     assert_equal_bitwise(one.state, other.state)
     for name, column in one.history.items():
         np.testing.assert_array_equal(column, other.history[name])

@@ -18,7 +18,7 @@ from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner_settings import MapLearning
 from cellpilot.learn.checkpoint import named_leaves
 from cellpilot.learn.learner import Place
-from cellpilot.learn.trainer import TrainingProgress, train, train_many
+from cellpilot.learn.trainer import TrainingProgress, train_many, train_one
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, load_parameters
 from cellpilot.policies.learned import save_parameters
 from cellpilot.scenario import LEARNERS
@@ -63,21 +63,21 @@ def test_every_learner_of_the_table_is_tried_here() -> None:
 @pytest.mark.parametrize("name", BRIEF)
 def test_a_learner_resumes_bit_for_bit_and_seeds_differ(tmp_path: Path, place: Place, name: str) -> None:
     settings, seen, file = BRIEF[name], list[TrainingProgress](), tmp_path / "state.safetensors"
-    whole = train(settings, place, 2, chunk_rounds=6, progress=seen.append)
+    whole = train_one(settings, place, 2, chunk_rounds=6, progress=seen.append)
     assert [(p.done, p.rounds) for p in seen] == [(6, 6)]
     assert whole.finished
     assert {"episode_return", "n_steps", "reached", "exploration"} <= whole.history.keys()
     assert {len(column) for column in whole.history.values()} == {6}
     assert whole.env_steps >= 6
     left = iter([False, True])
-    part = train(settings, place, 2, checkpoint=file, chunk_rounds=3, interrupted=lambda: next(left))
+    part = train_one(settings, place, 2, checkpoint=file, chunk_rounds=3, interrupted=lambda: next(left))
     assert not part.finished
-    resumed = train(settings, place, 2, checkpoint=file, chunk_rounds=2)
+    resumed = train_one(settings, place, 2, checkpoint=file, chunk_rounds=2)
     for leaf, value in named_leaves(whole.state).items():
         assert np.asarray(value).tobytes() == np.asarray(named_leaves(resumed.state)[leaf]).tobytes(), leaf
     for column, values in whole.history.items():
         np.testing.assert_array_equal(resumed.history[column], values)
-    other = train(settings, place, 3, chunk_rounds=6)
+    other = train_one(settings, place, 3, chunk_rounds=6)
     assert other.history["episode_return"].tolist() != whole.history["episode_return"].tolist()
 
 
@@ -99,7 +99,7 @@ def test_what_is_learned_is_saved_and_flies_from_its_file(tmp_path: Path, place:
 def test_the_map_learner_of_a_run_flies_in_one_drawn_world(random_world: Callable[..., World]) -> None:
     """What is unknown of the map is one error of the whole training: a cell measured twice shows the same value."""
     world = random_world(5, (3, 3, 1), noise_std_db=0.0, sinr_std_db=4.0)
-    states = [train(MapLearning(flights=4, estimate_after_flights=(2,)), Place(world, TASK), seed).state for seed in (0, 1)]
+    states = [train_one(MapLearning(flights=4, estimate_after_flights=(2,)), Place(world, TASK), seed).state for seed in (0, 1)]
     errors = []
     for state in states:
         n = int(state.arrays["n_steps"].sum())
@@ -112,9 +112,9 @@ def test_the_map_learner_of_a_run_flies_in_one_drawn_world(random_world: Callabl
 
 def test_the_map_learner_refuses_a_map_with_holes_and_one_that_is_too_large(make_world: Callable[..., World]) -> None:
     with pytest.raises(InputError, match="SINR in every free cell"):
-        train(MapLearning(), Place(make_world((3, 1, 1), [3.0, -np.inf, 3.0]), TASK), 0)
+        train_one(MapLearning(), Place(make_world((3, 1, 1), [3.0, -np.inf, 3.0]), TASK), 0)
     with pytest.raises(InputError, match="3,000 cells"):
-        train(MapLearning(), Place(make_world((60, 60, 1)), TASK), 0)
+        train_one(MapLearning(), Place(make_world((60, 60, 1)), TASK), 0)
 
 
 def test_the_example_learns_and_the_map_learner_reaches_the_optimum(random_world: Callable[..., World]) -> None:
@@ -124,7 +124,7 @@ def test_the_example_learns_and_the_map_learner_reaches_the_optimum(random_world
     world = random_world(3, (5, 5, 1))
     greedy, optimal = (exhaustive_summary(None, world, TASK, p) for p in (GreedyPolicy(world), OptimalPolicy(world, TASK)))
     for settings, least in ((example().QLearning(flights=800), 0.9), (MapLearning(flights=20), 0.95)):
-        parameters = train(settings, Place(world, TASK), 0).policy_parameters({"task": TASK.as_dict()})
+        parameters = train_one(settings, Place(world, TASK), 0).policy_parameters({"task": TASK.as_dict()})
         found = exhaustive_summary(None, world, TASK, LearnedPolicy(parameters, world.grid))
         assert (score(found, greedy, optimal) or 0.0) > least, settings.algorithm
 
@@ -158,5 +158,5 @@ def test_own_learners_stay_as_they_are(place: Place) -> None:
     """A learner of a place with a fixed start and goal flies between them alone."""
     start, goal = (tuple(int(i) for i in place.world.grid.position(cell)) for cell in place.world.airspace.free_cells[[0, -1]])
     for name in ("map-learner", "q-learning"):
-        result = train(BRIEF[name], replace(place, start=start, goal=goal), 0)
+        result = train_one(BRIEF[name], replace(place, start=start, goal=goal), 0)
         assert (result.history["n_steps"] >= sum(abs(a - b) for a, b in zip(start, goal, strict=True))).all()

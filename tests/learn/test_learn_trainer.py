@@ -22,7 +22,7 @@ from cellpilot.learn.learner import Place
 from cellpilot.learn.losses import q_learning_target
 from cellpilot.learn.networks import QNetwork
 from cellpilot.learn.replay import draw_rows
-from cellpilot.learn.trainer import TrainingProgress, TrainingResult, train
+from cellpilot.learn.trainer import TrainingProgress, TrainingResult, train_one
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -55,7 +55,7 @@ def arena(place: Place) -> Arena:
 @pytest.fixture(scope="module")
 def uninterrupted(place: Place) -> TrainingResult:
     """The run that others are compared with."""
-    return train(SMALL, place, seed=3, chunk_rounds=4)
+    return train_one(SMALL, place, seed=3, chunk_rounds=4)
 
 
 def assert_equal_bitwise(one: object, two: object) -> None:
@@ -92,7 +92,7 @@ def test_a_training_tells_what_it_did(uninterrupted: TrainingResult) -> None:
 
 
 def test_equal_seeds_are_equal(place: Place, uninterrupted: TrainingResult) -> None:
-    assert_same_run(train(SMALL, place, seed=3, chunk_rounds=4), uninterrupted)
+    assert_same_run(train_one(SMALL, place, seed=3, chunk_rounds=4), uninterrupted)
 
 
 def test_different_seeds_differ_in_parameters_actions_and_returns(
@@ -100,7 +100,7 @@ def test_different_seeds_differ_in_parameters_actions_and_returns(
 ) -> None:
     fresh = [initial_state(SMALL, arena, seed) for seed in (3, 4)]
     assert (weights(fresh[0].online) != weights(fresh[1].online)).all()
-    other = train(SMALL, place, seed=4, chunk_rounds=4)
+    other = train_one(SMALL, place, seed=4, chunk_rounds=4)
     assert (weights(other.state.online) != weights(uninterrupted.state.online)).all()
     for field in ("cell", "action", "sinr_db"):
         one, two = (np.asarray(getattr(r.state.replay.experiences.transition, field)) for r in (other, uninterrupted))
@@ -110,7 +110,7 @@ def test_different_seeds_differ_in_parameters_actions_and_returns(
 
 @pytest.mark.parametrize("length", [1, 7, 30])
 def test_the_length_of_chunks_changes_nothing(place: Place, uninterrupted: TrainingResult, length: int) -> None:
-    assert_same_run(train(SMALL, place, seed=3, chunk_rounds=length), uninterrupted)
+    assert_same_run(train_one(SMALL, place, seed=3, chunk_rounds=length), uninterrupted)
 
 
 @pytest.mark.parametrize("stops", [[0], [3], [1, 2], [2, 1, 0, 2]])
@@ -120,19 +120,19 @@ def test_a_resumed_run_equals_an_uninterrupted_one(
     checkpoint = tmp_path / "state.safetensors"
     for chunks in stops:
         left = iter([False] * chunks + [True])
-        part = train(SMALL, place, 3, checkpoint=checkpoint, chunk_rounds=4, interrupted=lambda left=left: next(left))
+        part = train_one(SMALL, place, 3, checkpoint=checkpoint, chunk_rounds=4, interrupted=lambda left=left: next(left))
         assert not part.finished
         assert checkpoint.is_file()
-    result = train(SMALL, place, 3, checkpoint=checkpoint, chunk_rounds=4)
+    result = train_one(SMALL, place, 3, checkpoint=checkpoint, chunk_rounds=4)
     assert result.finished
     assert_same_run(result, uninterrupted)
-    again = train(SMALL, place, 3, checkpoint=checkpoint, chunk_rounds=4)  # nothing left to do
+    again = train_one(SMALL, place, 3, checkpoint=checkpoint, chunk_rounds=4)  # nothing left to do
     assert_same_run(again, uninterrupted)
 
 
 def test_checkpoints_during_training_change_nothing(tmp_path: Path, place: Place, uninterrupted: TrainingResult) -> None:
     seen: list[TrainingProgress] = []
-    result = train(
+    result = train_one(
         SMALL,
         place,
         3,
@@ -152,7 +152,7 @@ def interrupted(tmp_path: Path, place: Place) -> Path:
     """The checkpoint of a run that was stopped after its first chunk."""
     path = tmp_path / "state.safetensors"
     left = iter([False, True])
-    train(SMALL, place, 3, checkpoint=path, fingerprint="this", chunk_rounds=4, interrupted=lambda: next(left))
+    train_one(SMALL, place, 3, checkpoint=path, fingerprint="this", chunk_rounds=4, interrupted=lambda: next(left))
     return path
 
 
@@ -172,7 +172,7 @@ def test_a_checkpoint_of_other_settings_is_refused(
 ) -> None:
     before = interrupted.read_bytes()
     with pytest.raises(InputError, match=r"state\.safetensors"):
-        train(settings, place, seed, checkpoint=interrupted, fingerprint=fingerprint, chunk_rounds=4)
+        train_one(settings, place, seed, checkpoint=interrupted, fingerprint=fingerprint, chunk_rounds=4)
     assert interrupted.read_bytes() == before
 
 
@@ -183,7 +183,7 @@ def test_a_damaged_checkpoint_is_named(place: Place, interrupted: Path) -> None:
     for content in (b"", whole[:7], whole[:100], whole[: len(whole) // 2], whole[:-1], flipped, b"\xff" * 64):
         interrupted.write_bytes(content)
         with pytest.raises(InputError, match=r"state\.safetensors"):
-            train(SMALL, place, 3, checkpoint=interrupted, fingerprint="this", chunk_rounds=4)
+            train_one(SMALL, place, 3, checkpoint=interrupted, fingerprint="this", chunk_rounds=4)
 
 
 @pytest.mark.parametrize("old", [b"fingerprint", b"seed", b"train_wall_s"])
@@ -193,7 +193,7 @@ def test_a_checkpoint_with_a_damaged_description_is_named(place: Place, interrup
         assert whole.count(old) == 1
         interrupted.write_bytes(whole.replace(old, new))
         with pytest.raises(InputError, match=r"state\.safetensors"):
-            train(SMALL, place, 3, checkpoint=interrupted, fingerprint="this", chunk_rounds=4)
+            train_one(SMALL, place, 3, checkpoint=interrupted, fingerprint="this", chunk_rounds=4)
 
 
 def test_state_files_round_trip(tmp_path: Path, arena: Arena, uninterrupted: TrainingResult) -> None:
@@ -210,7 +210,7 @@ def test_state_files_round_trip(tmp_path: Path, arena: Arena, uninterrupted: Tra
 
 def test_a_flight_that_outgrows_the_replay_memory_is_refused_before_training(place: Place) -> None:
     with pytest.raises(InputError, match="replay_capacity is 35"):
-        train(SMALL.changed(replay_capacity=35, replay_start=10), place, 0)  # 12 steps x (1 + 2 hindsight goals)
+        train_one(SMALL.changed(replay_capacity=35, replay_start=10), place, 0)  # 12 steps x (1 + 2 hindsight goals)
 
 
 def test_more_random_experiences_than_the_memory_holds_are_refused() -> None:
@@ -221,7 +221,7 @@ def test_more_random_experiences_than_the_memory_holds_are_refused() -> None:
 
 def test_a_training_that_diverges_says_so(place: Place) -> None:
     with pytest.raises(InputError, match="diverged"):
-        train(SMALL.changed(learning_rate=1e30), place, 0, chunk_rounds=4)
+        train_one(SMALL.changed(learning_rate=1e30), place, 0, chunk_rounds=4)
 
 
 @pytest.fixture(scope="module")
@@ -276,7 +276,7 @@ def test_exploration_decays_over_its_share_of_the_episodes() -> None:
 
 def test_progress_shows_the_exploration_of_the_episode(place: Place) -> None:
     seen: list[TrainingProgress] = []
-    train(SMALL, place, 3, chunk_rounds=4, progress=seen.append)
+    train_one(SMALL, place, 3, chunk_rounds=4, progress=seen.append)
     assert [p.exploration for p in seen] == pytest.approx(
         [2.0 - 1.9 * min(e / 12, 1.0) for e in (4, 8, 12, 16, 20, 24)], abs=1e-5
     )

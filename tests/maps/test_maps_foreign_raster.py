@@ -137,7 +137,7 @@ def test_heights(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     two = np.concatenate([PIXELS, PIXELS + 1])
     write_raster(path, two, UTM, NORTH_UP, ())
-    with pytest.raises(InputError, match=r"a\.tif: 2 band\(s\) without a height; give one for each: --heights-m"):
+    with pytest.raises(InputError, match=r"a\.tif: 2 band\(s\) without a height; give one for each: `heights_m`"):
         load_map(path)
     with pytest.raises(InputError, match=r"a\.tif: 2 band\(s\), and 1 height\(s\) given"):
         load_map(path, heights_m=(30.0,))
@@ -151,7 +151,7 @@ def test_heights(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=rf"a\.tif: 1 band\(s\) without a height \(band 1: '{text}'\)"):
             load_map(path)
     assert load_map(path, heights_m=(30.0, 50.0))["z"].values.tolist() == [30.0, 50.0]
-    with pytest.raises(InputError, match=r"a\.tif: band 2 states a height of 50 m, and 60 m is given; leave --heights-m out"):
+    with pytest.raises(InputError, match=r"a\.tif: band 2 states a height of 50 m, and 60 m is given; leave `heights_m` out"):
         load_map(path, heights_m=(30.0, 60.0))
 
 

@@ -78,7 +78,7 @@ def test_altitudes_of_gps_need_the_ground(tmp_path: Path) -> None:
     lines = [NETWORK_SURVEY, *(survey_line(f"51.9{i:03d}", altitude=str(57.0 + 7 * i)) for i in range(6))]
     path = write(tmp_path / "log.csv", lines)
     with pytest.raises(
-        InputError, match=r"log\.csv: its altitudes count from the ellipsoid, the lowest is 57\.0 m; .*--ground-altitude"
+        InputError, match=r"log\.csv: its altitudes count from the ellipsoid, the lowest is 57\.0 m; .*`ground_altitude"
     ):
         import_logs([path], mask=None)
     dataset = import_logs([path], mask=None, ground_altitude_m=57.0, fill_radius_m=0.0)
@@ -105,7 +105,7 @@ def test_gnettrack_with_dashes_and_its_height(tmp_path: Path) -> None:
         "2019.12.14_10.16.33,-8.38850,51.935750,1,B,13,LTE,-101,-14,-2.0,12",
     ]
     path = write(tmp_path / "drive.csv", lines)
-    with pytest.raises(InputError, match="the log has no height: give --altitude METRES"):
+    with pytest.raises(InputError, match="the log has no height: give `altitude_m` METRES"):
         read_log(path)
     table, account = read_log(path, LogOptions(altitude_m=1.5))
     np.testing.assert_array_equal(table.sinr_db, [6.0, np.nan, -2.0])

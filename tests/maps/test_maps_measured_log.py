@@ -68,7 +68,7 @@ def test_height_from_the_file_name(write_log: WriteLog, name: str, height_m: flo
 
 @pytest.mark.parametrize("name", ["log.csv", "30.csv", "30m_field.csv", "room30m.csv"])
 def test_no_height_in_the_file_name(write_log: WriteLog, name: str) -> None:
-    with pytest.raises(InputError, match=r"no height; the file name gives none.* give --altitude"):
+    with pytest.raises(InputError, match=r"no height; the file name gives none.* give `altitude_m`"):
         read_log(write_log(LINES, name))
 
 

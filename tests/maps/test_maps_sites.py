@@ -243,7 +243,7 @@ def test_opencellid(tmp_path: Path) -> None:
     lines = [line.format(cell=500 * 256 + 1, other=500 * 256 + 2, far=700 * 256) for line in CELLS]
     path = tmp_path / "272.csv"
     path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(InputError, match=r"cells of 2 operators, 272-5 \(2 sites\), 272-1 \(1 sites\); choose one: --operator"):
+    with pytest.raises(InputError, match=r"cells of 2 operators, 272-5 \(2 sites\), 272-1 \(1 sites\); choose one: `operator`"):
         read_opencellid(path)
     with pytest.raises(InputError, match="no cells of operator 9-9"):
         read_opencellid(path, "9-9")

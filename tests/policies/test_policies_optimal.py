@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cellpilot.airspace import STOPPED
 from cellpilot.errors import InputError
-from cellpilot.evaluate import evaluate
+from cellpilot.evaluate import evaluate_policies
 from cellpilot.evaluate.exact import exhaustive_summary
 from cellpilot.policies import GreedyPolicy, OptimalPolicy, RandomPolicy
 from cellpilot.policies.base import greedy_actions, one_hot
@@ -164,7 +164,9 @@ def test_the_discounted_optimum_can_return_less_than_the_undiscounted_one(make_w
     goal = np.array([2])
     assert OptimalPolicy(world, task).actions(goal)[0, 0] == 2
     assert OptimalPolicy.undiscounted(world, task).actions(goal)[0, 0] == 0
-    table = evaluate(world, task, [OptimalPolicy(world, task), OptimalPolicy.undiscounted(world, task)], seed=0, n_sampled=10)
+    table = evaluate_policies(
+        world, task, [OptimalPolicy(world, task), OptimalPolicy.undiscounted(world, task)], seed=0, n_sampled=10
+    )
     assert table.policies["optimal"]["return_mean"] < table.policies["optimal-undiscounted"]["return_mean"]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cellpilot.evaluate import Evaluation, evaluate
+from cellpilot.evaluate import Evaluation, evaluate_policies
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.maps import RadioMap, make_map, save_map
 from cellpilot.maps.reasons import INSIDE_BUILDING, NO_RAY
@@ -82,7 +82,7 @@ def write_run(
     if parameters is not None:
         policies += [LearnedPolicy(parameters, world.grid), LearnedPolicy(parameters, world.grid, 0.1)]
         save_parameters(parameters, folder / "policy.safetensors")
-    result = evaluate(world, task, policies, seed=3, n_sampled=n_sampled, max_exhaustive_pairs=max_exhaustive_pairs)
+    result = evaluate_policies(world, task, policies, seed=3, n_sampled=n_sampled, max_exhaustive_pairs=max_exhaustive_pairs)
     save_map(radio_map, folder / "map.nc")
     _save(evaluation_dataset(result, task, scenario, noise_std_db), folder / "eval.nc")
     if episodes:

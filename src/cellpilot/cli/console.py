@@ -21,7 +21,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from cellpilot.text import encodable, visible
+from cellpilot.text import as_flags, encodable, visible
 
 PLAIN_WIDTH = 120
 """Characters in a line where standard output is no terminal: tables keep all their digits in a pipe or a log."""
@@ -92,7 +92,7 @@ err = _Messages(stderr=True, highlight=False, markup=False, soft_wrap=True)
 def warn(message: str | None) -> None:
     """Print a warning, if there is one."""
     if message:
-        err.print(f"warning: {message}", style="yellow")
+        err.print(f"warning: {as_flags(message)}", style="yellow")
 
 
 @contextmanager

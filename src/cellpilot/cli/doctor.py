@@ -10,6 +10,7 @@ from cellpilot.cli.console import out
 from cellpilot.cli.options import parse
 from cellpilot.errors import InputError
 from cellpilot.maps.sources.raytraced import try_raytracing
+from cellpilot.plugins import GROUPS, offered
 from cellpilot.provenance import versions
 from cellpilot.scenario import SHIPPED, Settings
 
@@ -47,6 +48,12 @@ def main(arguments: Sequence[str]) -> int:
         out.print(f"ok    ray tracing: {try_raytracing()}")
     except InputError as error:
         out.print(f"--    ray tracing: {error}")
+    for group, what in GROUPS.items():
+        try:
+            out.print(f"ok    {what}s of other packages: {', '.join(offered(group)) or 'none'}")
+        except InputError as error:
+            failed += 1
+            out.print(f"FAIL  {error}")
     if options.verbose:
         for path in sorted(SHIPPED.glob("*.toml")):
             out.print(f"  scenario {path.stem}")

@@ -5,7 +5,7 @@ import sys
 from difflib import get_close_matches
 from importlib import import_module
 
-from cellpilot.text import encodable, visible
+from cellpilot.text import as_flags, encodable, visible
 
 VERBS = {
     "run": "map, train, evaluate and report in one",
@@ -79,7 +79,7 @@ def _call(verb: str, arguments: list[str]) -> int:
 
 
 def _fail(message: str, code: int = 2) -> int:
-    text = f"cellpilot: {visible(' '.join(message.split()))}\n"
+    text = f"cellpilot: {as_flags(visible(' '.join(message.split())))}\n"
     try:
         sys.stderr.write(encodable(text, getattr(sys.stderr, "encoding", None)))
         sys.stderr.flush()

@@ -7,9 +7,8 @@ from pydantic import Field
 
 from cellpilot.cli.console import err, out, share_bar
 from cellpilot.cli.options import command_line, parse
-from cellpilot.errors import InputError
-from cellpilot.runs import evaluate_run, open_run_or_shipped, origin_warning, save_evaluation, settle, stale_parts
 from cellpilot.scenario import Settings
+from cellpilot.service import report
 
 
 class ReportOptions(Settings):
@@ -21,18 +20,7 @@ class ReportOptions(Settings):
 def main(arguments: Sequence[str]) -> int:
     """Verb `report`; evaluates first if the run has not been, or has changed since."""
     options = parse(ReportOptions, arguments, "cellpilot report", "Write report.html and figures/ of a run.")
-    found = open_run_or_shipped(options.run)
-    parameters = found.parameters()
-    if parameters is not None and (other := origin_warning(parameters, found.radio_map, found.task, found.seed)):
-        raise InputError(f"{found.folder}: {other}: a report would show the one beside the other; restore the run's own files")
-    with settle(found, command_line()) as run:
-        changed = stale_parts(run)
-        if changed:
-            err.print(f"eval.nc was made with another {' and another '.join(changed)}: evaluating again")
-        if changed is None or changed:
-            with share_bar("evaluate") as progress:
-                save_evaluation(run, evaluate_run(run, progress=progress))
-        from cellpilot.report import write_report
-
-        out.print(f"report: {write_report(run.folder)}")
+    with share_bar("report") as progress:
+        path = report(options.run, command=command_line(), progress=progress, warn=err.print)
+    out.print(f"report: {path}")
     return 0

@@ -16,13 +16,11 @@ from cellpilot.cli.devices import use_all_cores
 from cellpilot.cli.options import ScenarioOptions, command_line, parse, parse_scenario
 from cellpilot.errors import InputError, WriteError
 from cellpilot.evaluate.metrics import all_metrics
-from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.learn.history import mean_of_flights
-from cellpilot.provenance import usable_cores
-from cellpilot.runs import Run, create_run, evaluate_run, is_occupied, open_run, payload, read_facts, save_evaluation, train_runs
+from cellpilot.runs import Run, evaluate_run, payload, save_evaluation
 from cellpilot.scalars import ask_for_log, log_evaluation, logged_progress, require_writer
 from cellpilot.scenario import EvaluationSettings, Paths, Settings
-from cellpilot.storage import hold
+from cellpilot.service.training import resumed, started, train_held
 
 if TYPE_CHECKING:
     from cellpilot.learn.trainer import TrainingProgress, TrainingResult
@@ -83,16 +81,9 @@ def prepare_runs(arguments: Sequence[str], verb: str, description: str, held: Ex
     """The runs to train, one per seed: new folders, or those named by `--resume`; all are held until `held` ends."""
     if any(argument.startswith("--resume") for argument in arguments):
         _refuse_settings(arguments, verb)
-        resumed = parse(ResumeOptions, arguments, f"cellpilot {verb}", description)
-        if not resumed.resume:
-            raise InputError("--resume: expected the folder of a run, found none")
-        use_all_cores(len(resumed.resume))
-        for folder in resumed.resume:
-            if folder.is_dir():
-                held.enter_context(hold(folder))
-        runs = [open_run(folder) for folder in resumed.resume]
-        warn(_cores_warning(runs))
-        return _logged(runs, resumed.tensorboard)
+        asked = parse(ResumeOptions, arguments, f"cellpilot {verb}", description)
+        use_all_cores(len(asked.resume))
+        return _logged(held.enter_context(resumed(asked.resume, warn)), asked.tensorboard)
     description += f" To go on with an interrupted run: cellpilot {verb} --resume RUN ..."
     options, scenario = parse_scenario(RunOptions, arguments, verb, description)
     seeds = range(options.seed, options.seed + options.seeds)
@@ -101,14 +92,7 @@ def prepare_runs(arguments: Sequence[str], verb: str, description: str, held: Ex
     if options.tensorboard:
         require_writer()
     use_all_cores(options.seeds)
-    base = options.out or Path("runs") / scenario.name
-    alone = options.out is not None and options.seeds == 1
-    new = [base if alone else base.with_name(f"{base.name}-seed{seed}") for seed in seeds]
-    for folder in new:
-        held.enter_context(hold(folder))
-        is_occupied(folder, options.force)
-    runs = [create_run(new[i], scenario, seed, command_line(), options.force, len(seeds)) for i, seed in enumerate(seeds)]
-    warn(threshold_warning(runs[0].world, runs[0].task.threshold_db))
+    runs = held.enter_context(started(scenario, options.out, seeds, command_line(), force=options.force, warn=warn))
     return _logged(runs, options.tensorboard)
 
 
@@ -121,17 +105,6 @@ def _refuse_settings(arguments: Sequence[str], verb: str) -> None:
                 f"{name} with --resume: a run goes on with its own settings and seed, and its length is fixed by its schedules"
                 f" of exploration and learning rate; for others start a new one (cellpilot {verb} SCENARIO {name} ...)"
             )
-
-
-def _cores_warning(runs: Sequence[Run]) -> str | None:
-    """What to say where a training goes on with another number of cores, and so to another result; None where it does not."""
-    began = {cores for run in runs if (cores := read_facts(run.folder).cores) is not None}
-    if not began - {usable_cores()} or not runs[0].scenario.learner.depends_on_cores:
-        return None
-    return (
-        f"the training began on {' and '.join(map(str, sorted(began)))} core(s) and goes on with {usable_cores()}:"
-        f" {runs[0].scenario.learner.algorithm} ends in another policy than on either alone"
-    )
 
 
 def _logged(runs: list[Run], tensorboard: bool) -> list[Run]:
@@ -152,7 +125,7 @@ def train_with_bar(runs: Sequence[Run]) -> "list[TrainingResult] | None":
                 show(progress)
                 log(progress)
 
-            results = train_runs(runs, both, lambda: err.print("stopping; Ctrl-C again to stop at once"))
+            results = train_held(runs, both, warn, lambda: err.print("stopping; Ctrl-C again to stop at once"))
     except WriteError as error:
         raise WriteError(f"{error}; then go on with --resume {_folders(runs)}") from None
     except ImportError as error:
@@ -162,9 +135,6 @@ def train_with_bar(runs: Sequence[Run]) -> "list[TrainingResult] | None":
         err.print(f"stopped after {n_rounds} {learner.counts}; go on with --resume {_folders(runs)}")
         return None
     for run, result in zip(runs, results, strict=True):
-        parameters = run.parameters()
-        assert parameters is not None
-        warn(divergence_warning(parameters, run.world, run.task))
         together = f", {len(runs)} seeds together" if len(runs) > 1 else ""
         seconds = f"{result.train_wall_s:.0f} s (compilation {result.compile_s:.0f} s{together})"
         err.print(f"trained in {seconds}: {run.policy_file}")

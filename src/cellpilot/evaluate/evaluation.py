@@ -44,7 +44,7 @@ class Evaluation:
     made_from: dict[str, str] = field(default_factory=dict)  # digests of what it depends on, by name
 
 
-def evaluate(
+def evaluate_policies(
     world: World,
     task: Task,
     policies: Sequence[Policy],

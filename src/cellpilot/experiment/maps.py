@@ -39,7 +39,7 @@ def make_measured_map(
 
     if not settings.logs:
         raise InputError(
-            "the scenario needs a measured log: give --map.logs FILE, or make a map of it first (cellpilot map import)"
+            "the scenario needs a measured log: give `map.logs` FILE, or make a map of it first (cellpilot map import)"
         )
     radio_map = import_logs(
         settings.logs,
@@ -162,7 +162,7 @@ def layout_warning(deployment: "Deployment", settings: SimulatedMap, tolerated_d
     return (
         f"{len(np.unique(deployment.site))} sites alone are up to {found_db.max():.1f} dB too good"
         f" at {settings.heights_m[-1]:g} m (mean {found_db.mean():.1f} dB) for a spot in a larger network:"
-        f" add outer sites with --map.rings {how_many}"
+        f" add outer sites with `map.rings` {how_many}"
     )
 
 

@@ -34,7 +34,7 @@ def divergence_warning(parameters: PolicyParameters, world: World, task: Task) -
     usual = sum(abs(price.reward) for price in task.possible_prices(world.airspace.ends))
     if highest <= greatest + usual and lowest >= 2 * least - usual:  # some over-estimation is usual
         return None
-    mend = "lower --learner.learning-rate" if parameters.architecture == ARCHITECTURE else "leave --learner.clip-targets on"
+    mend = "lower `learner.learning_rate`" if parameters.architecture == ARCHITECTURE else "leave `learner.clip_targets` on"
     return (
         f"training has diverged: values from {lowest:.3g} to {highest:.3g}, where a flight earns {least:g} to {greatest:g};"
         f" use another seed, or {mend}"

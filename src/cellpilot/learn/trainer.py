@@ -62,7 +62,7 @@ class TrainingResult:
         return self.learner.policy_parameters(self.state, about)
 
 
-def train(
+def train_one(
     settings: LearnerSettings,
     place: Place,
     seed: int,

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cellpilot.errors import InputError
 from cellpilot.maps.schema import RadioMap, validate
+from cellpilot.plugins import offered
 
 
 class Format(NamedTuple):
@@ -26,6 +26,8 @@ MAP_FORMATS = {
     ".csv": Format("csv_cells", "CSV, one line a cell"),
 }
 """NetCDF and Zarr keep all of a map; GeoTIFF and CSV all variables over cells."""
+SOURCES = "cellpilot.map_sources"
+"""Entry points of other packages: ending without its dot -> what has `read(path)`, which returns a RadioMap."""
 
 
 def save_map(dataset: RadioMap, path: str | Path, *, variable: str | None = None) -> None:
@@ -35,7 +37,9 @@ def save_map(dataset: RadioMap, path: str | Path, *, variable: str | None = None
     unknown or cannot hold it, or the place cannot be written.
     """
     path = Path(path)
-    write: Callable[..., None] = _module(path).write
+    write: Callable[..., None] | None = getattr(_module(path), "write", None)
+    if write is None:
+        raise InputError(f"{path}: maps are read from {path.suffix}, but not written to it; expected {', '.join(MAP_FORMATS)}")
     if variable is not None:
         _check_raster(path, "one variable alone")
         write = partial(write, variable=variable)
@@ -56,24 +60,29 @@ def load_map(path: str | Path, *, heights_m: tuple[float, ...] | None = None) ->
     if heights_m is not None:
         _check_raster(path, "heights of bands")
         read = partial(read, heights_m=heights_m)
-    return read(path)
+    found = read(path)
+    return found if path.suffix.lower() in MAP_FORMATS else validate(found, str(path))
 
 
 def has_checksum(path: str | Path) -> bool:
     """Whether the file of a map holds a checksum, with which `load_map` compares what it reads."""
-    found: bool = _module(Path(path)).has_checksum(Path(path))
-    return found
+    check: Callable[[Path], bool] = getattr(_module(Path(path)), "has_checksum", lambda path: False)
+    return check(Path(path))
 
 
 def _check_raster(path: Path, option: str) -> None:
-    if MAP_FORMATS[path.suffix.lower()].module != "geotiff":
+    found = MAP_FORMATS.get(path.suffix.lower())
+    if found is None or found.module != "geotiff":
         raise InputError(f"{path}: {option} can be asked of GeoTIFF only: leave it out, or name a .tif")
 
 
-def _module(path: Path) -> ModuleType:
-    """A module of `formats/`, with `read(path)`, `write(map, path)` and `has_checksum(path)`."""
-    found = MAP_FORMATS.get(path.suffix.lower())
-    if found is None:
-        known = ", ".join(f"{suffix} ({f.name})" for suffix, f in MAP_FORMATS.items())
-        raise InputError(f"{path}: maps are read from and written to {known}; choose one of these endings")
-    return import_module(f"cellpilot.maps.formats.{found.module}")
+def _module(path: Path) -> Any:
+    """A module of `formats/`, with `read(path)`, `write(map, path)` and `has_checksum(path)`, or what a package offers."""
+    ending = path.suffix.lower()
+    if ending in MAP_FORMATS:
+        return import_module(f"cellpilot.maps.formats.{MAP_FORMATS[ending].module}")
+    others = offered(SOURCES)
+    if ending.removeprefix(".") in others:
+        return others[ending.removeprefix(".")]
+    known = ", ".join([*(f"{suffix} ({f.name})" for suffix, f in MAP_FORMATS.items()), *(f".{name}" for name in others)])
+    raise InputError(f"{path}: maps are read from and written to {known}; choose one of these endings")

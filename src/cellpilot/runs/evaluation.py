@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cellpilot.evaluate import Evaluation, evaluate
+from cellpilot.evaluate import Evaluation, evaluate_policies
 from cellpilot.evaluate.flights import SINR_LEVELS_DB
 from cellpilot.experiment import make_policies, make_world
 from cellpilot.policies import PolicyParameters
@@ -31,7 +31,7 @@ def evaluate_run(
     world = run.world if radio_map is None else make_world(radio_map, task.noise_std_db, run.scenario.airspace)
     parameters = run.parameters()
     policies = make_policies(world, run.task, settings.boltzmann_temperature, parameters)
-    evaluation = evaluate(
+    evaluation = evaluate_policies(
         world,
         run.task,
         policies,

@@ -92,7 +92,7 @@ def is_occupied(folder: Path, force: bool) -> bool:
         return False
     replaceable = names <= FILES | FOLDERS.keys()
     if not (force and replaceable):
-        hints = ["go on with --resume"] * holds_run(folder) + ["replace it with --force"] * (replaceable and not force)
+        hints = ["go on with `resume`"] * holds_run(folder) + ["replace it with `force`"] * (replaceable and not force)
         raise InputError(f"{folder} is not empty; {', or '.join([*hints, 'choose an empty folder'])}")
     return True
 

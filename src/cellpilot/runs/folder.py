@@ -115,7 +115,7 @@ def open_or_create_run(folder: Path, scenario: Scenario, command: str, seed: int
         return create_run(folder, scenario, seed, command, n_seeds=n_seeds)
     run = open_run(folder)
     if (run.scenario, run.seed) != (scenario, seed):
-        raise InputError(f"{folder} holds a run of other settings or another seed; choose another --out")
+        raise InputError(f"{folder} holds a run of other settings or another seed; choose another `out`")
     return run
 
 

@@ -30,7 +30,7 @@ def check_ablation(scenario: Scenario) -> None:
     if not isinstance(scenario.learner, DDQNHER):
         raise InputError(
             f"the ablation switches double learning and hindsight of {SWITCHED_LEARNER}, but {scenario.name} trains "
-            f"{scenario.learner.algorithm}: add --learner.algorithm {SWITCHED_LEARNER}"
+            f"{scenario.learner.algorithm}: add `learner.algorithm` {SWITCHED_LEARNER}"
         )
 
 

@@ -38,7 +38,7 @@ ADAPT_FIGURES = ("score", "reached_share", "path_ratio_p90")
 """What is kept of each policy."""
 
 
-def adapt(
+def adaptation(
     transfer: Transfer,
     flights: int,
     n_seeds: int,

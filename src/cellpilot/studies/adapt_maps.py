@@ -11,7 +11,16 @@ from cellpilot.experiment import build_map
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner import without_holes
 from cellpilot.learn.algorithms.map_learner_settings import MOST_LEARNED_CELLS
-from cellpilot.scenario import MapFile, MapSettings, MeasuredMap, Scenario, SimulatedMap, find_scenario, load_scenario
+from cellpilot.scenario import (
+    MapFile,
+    MapSettings,
+    MeasuredMap,
+    RewardSettings,
+    Scenario,
+    SimulatedMap,
+    find_scenario,
+    load_scenario,
+)
 from cellpilot.task import Task
 from cellpilot.world import World
 
@@ -34,6 +43,13 @@ def read_place(text: str, bin_m: float) -> tuple[MapSettings, Scenario | None]:
         return MeasuredMap(logs=(Path(text),), bin_m=bin_m, fill_radius_m=WHOLE_AREA_M), None
     scenario = load_scenario(find_scenario(text))
     return scenario.map, scenario
+
+
+def rewards_of(scenario: Scenario) -> RewardSettings:
+    """The task of a scenario; flights lead between random places, so one that fixes start or goal is refused."""
+    if scenario.task.start is not None or scenario.task.goal is not None:
+        raise InputError(f"the scenario {scenario.name} fixes start or goal; adapt flies between random places: leave them out")
+    return RewardSettings(**scenario.task.model_dump(include=set(RewardSettings.model_fields)))
 
 
 def make_transfer_maps(a: MapSettings, b: MapSettings, calibration: MapSettings | None = None) -> tuple["RadioMap", "RadioMap"]:

@@ -58,7 +58,7 @@ def verdict(data: "xr.Dataset", good: float = 0.9) -> list[str]:
     flights = data["flights"].values
     prior, nothing = (data["score"].sel(arm=name).values for name in (PRIOR, NOTHING))
     if len(prior) == 1:
-        return ["A confidence interval needs at least two seeds: give --seeds 2 or more to compare the prior with none"]
+        return ["A confidence interval needs at least two seeds: give `seeds` 2 or more to compare the prior with none"]
     difference = (prior - nothing).T
     mean, half = difference.mean(-1), half_interval(difference)
     lines = []

@@ -79,7 +79,7 @@ def _points(task: Task) -> Iterator[tuple[str, float, Task]]:
 def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> LearnedPolicy | None:
     """The learner trained on the run's map for other rewards; kept in the folder `sensitivity/`, one file per task."""
     from cellpilot.learn.compile import forget_programs
-    from cellpilot.learn.trainer import train
+    from cellpilot.learn.trainer import train_one
 
     settings = run.scenario.learner
     mark = f"{fingerprint(run.scenario, run.world)}-{task.rho_sinr:g}-{task.rho_goal:g}-{run.seed}"
@@ -87,7 +87,9 @@ def _train_for(run: Run, task: Task, progress: Callable[[float], None]) -> Learn
     if not file.is_file():
         checkpoint = run.folder / "sensitivity" / f"state-{mark}.safetensors"
         share = lambda p: progress(p.done / p.rounds)
-        result = train(settings, replace(run.place, task=task), run.seed, checkpoint=checkpoint, fingerprint=mark, progress=share)
+        result = train_one(
+            settings, replace(run.place, task=task), run.seed, checkpoint=checkpoint, fingerprint=mark, progress=share
+        )
         if not result.finished:
             return None
         parameters = result.policy_parameters({"task": task.as_dict()})

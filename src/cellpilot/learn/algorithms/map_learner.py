@@ -172,7 +172,7 @@ def learn_map(
     if world.signal.unknown is not None or not np.isfinite(world.signal.mean_db[world.airspace.free_cells]).all():
         raise InputError(
             "the true map needs SINR in every free cell, and sinr_std_db 0:"
-            " fill its unknown cells (--fill-radius-m) or block them"
+            " fill its unknown cells (`fill_radius_m`) or block them"
         )
     learner = MapLearner(world.airspace, task, settings, seed, prior_mean_db, kernel)
     for checkpoint in checkpoints:

@@ -1,13 +1,13 @@
 """The learners by name: own ones, and those that installed packages offer. No JAX here."""
 
 from functools import cache
-from importlib.metadata import entry_points
 
 from cellpilot.errors import InputError
 from cellpilot.learn.algorithms.base import LearnerSettings
 from cellpilot.learn.algorithms.ddqn_her_settings import DDQNHER, DDQNHERVariants
 from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.learn.algorithms.map_learner_settings import MapLearning
+from cellpilot.plugins import offered
 
 OWN: dict[str, type[LearnerSettings]] = {
     "ddqn-her": DDQNHER,
@@ -26,14 +26,10 @@ def learners() -> dict[str, type[LearnerSettings]]:
     `InputError` names an entry point that cannot be imported, is no `LearnerSettings`, or takes a name that is taken.
     """
     found = dict(OWN)
-    for point in entry_points(group=GROUP):
-        try:
-            settings = point.load()
-        except (ImportError, AttributeError) as error:
-            raise InputError(f"the learner {point.name} ({point.value}) cannot be imported ({error}): remove it") from error
+    for name, settings in offered(GROUP).items():
         if not (isinstance(settings, type) and issubclass(settings, LearnerSettings)):
-            raise InputError(f"the learner {point.name} ({point.value}) is no subclass of cellpilot.learn.LearnerSettings")
-        if point.name in found or settings.model_fields["algorithm"].default != point.name:
-            raise InputError(f"the learner {point.name} ({point.value}): its field algorithm has to be that name, and no other's")
-        found[point.name] = settings
+            raise InputError(f"the learner {name} ({settings}) is no subclass of cellpilot.learn.LearnerSettings")
+        if name in found or settings.model_fields["algorithm"].default != name:
+            raise InputError(f"the learner {name} ({settings}): its field algorithm has to be that name, and no other's")
+        found[name] = settings
     return found

@@ -66,9 +66,9 @@ def _heights(file: "DatasetReader", bands: list[int], given_m: tuple[float, ...]
     for band, text, stated, given in zip(bands, texts, stated_m, given_m or stated_m, strict=True):
         if given is None:
             wrong = f"{stated_m.count(None)} band(s) without a height" + (f" (band {band}: {text!r})" if text else "")
-            raise InputError(f"{wrong}; give one for each: --heights-m 30 50 ...")
+            raise InputError(f"{wrong}; give one for each: `heights_m` 30 50 ...")
         if stated not in (None, given):
-            raise InputError(f"band {band} states a height of {stated:g} m, and {given:g} m is given; leave --heights-m out")
+            raise InputError(f"band {band} states a height of {stated:g} m, and {given:g} m is given; leave `heights_m` out")
     heights_m = [height for height in given_m or stated_m if height is not None]
     if len(set(heights_m)) < len(heights_m):
         raise InputError(f"bands at {_shown(heights_m)}; expected each height once")

@@ -30,15 +30,15 @@ def named_columns(
         name, equals, column = (piece.strip() for piece in part.partition("="))
         if not equals or not column or name not in COLUMN_NAMES or name in chosen:
             raise InputError(
-                f"--columns has {part.strip()!r}; expected NAME=COLUMN with each of {', '.join(COLUMN_NAMES)} at most once"
+                f"`columns` has {part.strip()!r}; expected NAME=COLUMN with each of {', '.join(COLUMN_NAMES)} at most once"
             )
         chosen[name] = column
     for name in REQUIRED_ROLES:
         if name not in chosen:
-            raise InputError(f"--columns names no column for {name}; expected at least {', '.join(REQUIRED_ROLES)}")
+            raise InputError(f"`columns` names no column for {name}; expected at least {', '.join(REQUIRED_ROLES)}")
     factor, altitude = 1.0, None
     if "alt" not in chosen or height_stated:
-        for flag, given in (("--altitude-unit", altitude_unit), ("--altitude-reference", altitude_reference)):
+        for flag, given in (("`altitude_unit`", altitude_unit), ("`altitude_reference`", altitude_reference)):
             if given is not None:
                 raise InputError(f"{flag} {given} is for an altitude column, which is not read: leave it out, or name it alt=..")
     else:
@@ -47,7 +47,7 @@ def named_columns(
         if altitude_reference is None:
             raise InputError(
                 f"nothing says what the altitude in {chosen['alt']!r} counts from;"
-                " give --altitude-reference take-off, ellipsoid or sea-level"
+                " give `altitude_reference` take-off, ellipsoid or sea-level"
             )
     return LogFormat(
         name="named columns",
@@ -70,9 +70,9 @@ def _unit(column: str, given: str | None) -> str:
     found = UNIT_IN_NAME.search(column)
     named = None if found is None else "m" if found[1].lower().startswith("m") else "ft"
     if given is not None and named not in (None, given):
-        raise InputError(f"--altitude-unit is {given}, but the column {column!r} is in {named}: leave out the one that is wrong")
+        raise InputError(f"`altitude_unit` is {given}, but the column {column!r} is in {named}: leave out the one that is wrong")
     if given is None and named is None:
         raise InputError(
-            f"nothing says whether the altitude in {column!r} is in metres or feet: give --altitude-unit m or --altitude-unit ft"
+            f"nothing says whether the altitude in {column!r} is in metres or feet: give `altitude_unit` m or `altitude_unit` ft"
         )
     return given or str(named)

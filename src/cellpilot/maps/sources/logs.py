@@ -141,7 +141,7 @@ def _recognised(table: Table) -> LogFormat:
         known = "; ".join(f"{f.name}: {', '.join(f.signature)}" for f in LOG_FORMATS)
         raise InputError(
             f"{table.path}: a log of unknown kind with {table.shown()}; known are {known};"
-            " or name the columns: --columns lat=..,lon=..,alt=..,sinr=.."
+            " or name the columns: `columns` lat=..,lon=..,alt=..,sinr=.."
         )
     return max(fitting, key=lambda f: len(f.signature))
 
@@ -176,7 +176,7 @@ def _stated_height_m(path: Path, f: LogFormat, options: LogOptions) -> float | N
     found = HEIGHT_IN_NAME.search(Path(path.name.removesuffix(".gz")).stem) if f.height_in_name else None
     if found is None:
         named = "; the file name gives none, like 30m.csv or field_30m.csv would" if f.height_in_name else ""
-        raise InputError(f"{path}: the log has no height{named}: give --altitude METRES above take-off")
+        raise InputError(f"{path}: the log has no height{named}: give `altitude_m` METRES above take-off")
     if float(found[1]) > HIGHEST_M:
         raise InputError(f"{path}: the file name gives a height of {found[1]} m; expected at most {HIGHEST_M:,.0f} m: rename it")
     return float(found[1])

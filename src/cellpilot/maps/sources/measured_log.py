@@ -135,7 +135,7 @@ def heights_m(samples: Samples, step_m: float, ground_altitude_m: float | None) 
         raise InputError(
             f"{samples.source[first]}: its altitudes count from the {samples.altitude_reference[first]},"
             f" the lowest is {lowest_m:.1f} m;"
-            " say where height 0 is: --ground-altitude-m METRES, or one height for all samples: --altitude METRES"
+            " say where height 0 is: `ground_altitude_m` METRES, or one height for all samples: `altitude_m` METRES"
         )
     if ground_altitude_m is not None and above_ground.all():
         raise InputError("the altitude of the ground is given, but no log counts from the ellipsoid or the sea: leave it out")

@@ -144,7 +144,7 @@ def _operator(path: Path, wanted: str | None, sites: Counter[str]) -> str:
         raise InputError(f"{path}: no LTE cells; expected lines that begin with LTE")
     listed = ", ".join(f"{name} ({count} sites)" for name, count in sites.most_common(8))
     if wanted is None and len(sites) > 1:
-        raise InputError(f"{path}: cells of {len(sites)} operators, {listed}; choose one: --operator MCC-MNC")
+        raise InputError(f"{path}: cells of {len(sites)} operators, {listed}; choose one: `operator` MCC-MNC")
     if wanted is not None and wanted not in sites:
         raise InputError(f"{path}: no cells of operator {wanted}; it has {listed}")
     return wanted or next(iter(sites))

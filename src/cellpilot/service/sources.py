@@ -1,0 +1,49 @@
+"""What a person can name: a map file, a run folder, a scenario."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cellpilot.evaluate.evaluation import Progress
+from cellpilot.experiment import build_map, shipped_policy
+from cellpilot.maps import RadioMap, load_map
+from cellpilot.policies import PolicyParameters
+from cellpilot.runs import Run, open_run, open_run_or_shipped, origin_warning
+from cellpilot.scenario import SHIPPED, AirspaceSettings, MapSettings, RewardSettings, find_scenario, load_scenario
+from cellpilot.service.callbacks import Warn, as_warning, tell, untold
+
+
+@dataclass(frozen=True)
+class Source:
+    """A map with the task, airspace and trained policy that belong to it; defaults for a map alone."""
+
+    name: str
+    radio_map: RadioMap
+    task: RewardSettings = field(default_factory=RewardSettings)
+    airspace: AirspaceSettings = field(default_factory=AirspaceSettings)
+    parameters: PolicyParameters | None = None
+
+
+def load_run(name: str | Path) -> Run:
+    """The run in a folder, or one around a policy that ships with the package; `InputError` if it is neither."""
+    return open_run_or_shipped(str(name))
+
+
+def open_source(source: str | Path, warn: Warn = as_warning) -> Source:
+    """What a map file, a run folder or a scenario (TOML file or shipped name) holds; `InputError` if it is none of them."""
+    path = Path(source)
+    if path.is_dir() and path.suffix.lower() != ".zarr":
+        run = open_run(path)
+        parameters = run.parameters()
+        if parameters is not None:
+            tell(warn, origin_warning(parameters, run.radio_map, run.task, run.seed))
+        return Source(str(source), run.radio_map, run.scenario.task, run.scenario.airspace, parameters)
+    if path.suffix == ".toml" or (SHIPPED / f"{source}.toml").is_file():
+        file = find_scenario(str(source))
+        scenario = load_scenario(file)
+        return Source(str(source), build_map(scenario.map), scenario.task, scenario.airspace, shipped_policy(file))
+    return Source(str(source), load_map(path))
+
+
+def simulate_or_read(source: str | Path | MapSettings, progress: Progress = untold) -> RadioMap:
+    """The map that settings ask for (simulated, gridded from logs, or read), or that of whatever `open_source` opens."""
+    return open_source(source).radio_map if isinstance(source, str | Path) else build_map(source, progress=progress)
