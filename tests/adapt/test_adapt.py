@@ -214,7 +214,7 @@ def test_one_seed_claims_no_difference() -> None:
     data = xr.Dataset({"score": (("arm", "seed", "flights"), scores)}, {"arm": [PRIOR, NOTHING], "flights": [0, 1]})
     (line,) = verdict(data)
     assert "at least two seeds" in line
-    assert "--seeds 2" in line
+    assert "`seeds` 2" in line
 
 
 @pytest.mark.slow

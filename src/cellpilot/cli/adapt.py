@@ -18,6 +18,7 @@ from cellpilot.service import adapt
 from cellpilot.studies.adapt_arms import ARMS
 from cellpilot.studies.adapt_maps import read_place, rewards_of
 from cellpilot.studies.adapt_words import in_words, summary, verdict
+from cellpilot.text import as_flags
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -72,4 +73,4 @@ def _show(data: "Dataset") -> None:
         table.add_row(*row)
     out.print(table)
     for line in [in_words(data), *verdict(data)]:
-        out.print(line)
+        out.print(as_flags(line))
