@@ -263,7 +263,7 @@ def test_too_many_pairs_are_sampled(random_world: MakeWorld) -> None:
     assert result.policies["greedy"]["return_ci95"] is not None
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
-    assert evaluate(world, Task(), [GreedyPolicy(world)], seed=1, n_sampled=50, max_exhaustive_pairs=241).exhaustive
+    assert evaluate_policies(world, Task(), [GreedyPolicy(world)], seed=1, n_sampled=50, max_exhaustive_pairs=241).exhaustive
 
 
 def test_score_and_regret(random_world: MakeWorld) -> None:

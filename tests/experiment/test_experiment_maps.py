@@ -27,7 +27,7 @@ def test_seven_sites_alone_are_too_good_and_the_advice_mends_it() -> None:
     text = warning_of(HIGH)
     assert text is not None
     found = re.fullmatch(
-        r"7 sites alone are up to ([\d.]+) dB too good at 100 m \(mean ([\d.]+) dB\) .* add outer sites with --map\.rings (\d+)",
+        r"7 sites alone are up to ([\d.]+) dB too good at 100 m \(mean ([\d.]+) dB\) .* add outer sites with `map\.rings` (\d+)",
         text,
     )
     assert found is not None
@@ -48,7 +48,7 @@ def test_seven_sites_alone_are_too_good_and_the_advice_mends_it() -> None:
     assert rings > 2
     fewer = warning_of(HIGH.model_copy(update={"rings": rings - 1}))
     assert fewer is not None
-    assert fewer.endswith(f"add outer sites with --map.rings {rings}")
+    assert fewer.endswith(f"add outer sites with `map.rings` {rings}")
 
 
 @pytest.mark.parametrize("distance_m", [2.0, 20.0, 150.0])
@@ -65,7 +65,7 @@ def test_of_a_dense_layout_no_number_of_rings_is_claimed(distance_m: float, monk
     text = warning_of(HIGH.model_copy(update={"inter_site_distance_m": distance_m}))
     assert text is not None
     assert "7 sites alone are up to" in text
-    assert re.search(r"--map\.rings \d", text) is None
+    assert re.search(r"map\.rings` \d", text) is None
     assert max(most) == 40
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cellpilot import plugins
 from cellpilot.errors import InputError
 from cellpilot.learn.algorithms import table
 from cellpilot.learn.algorithms.base import LearnerSettings
@@ -146,7 +147,8 @@ class _Point(EntryPoint):
     ids=lambda value: getattr(value, "name", value),
 )
 def test_an_installed_package_offers_its_learner(monkeypatch: pytest.MonkeyPatch, point: EntryPoint, wrong: str | None) -> None:
-    monkeypatch.setattr(table, "entry_points", lambda group: [point] if group == "cellpilot.learners" else [])
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [point] if group == "cellpilot.learners" else [])
+    monkeypatch.setattr(table, "offered", plugins.offered.__wrapped__)
     if wrong is None:
         assert set(table.learners.__wrapped__()) == set(table.OWN) | {"q-learning"}
     else:

@@ -84,7 +84,9 @@ def test_a_larger_map_has_the_posterior_of_the_product_over_the_axes(monkeypatch
     radio_map = filled()
     unknown = unknown_of(radio_map)
     assert unknown.measured is not None
-    np.testing.assert_allclose(covariance_db2(unknown), expected_db2(radio_map, separable_prior(radio_map)), atol=1e-4)
+    # A draw is a difference of float32 draws from the prior of 98 dB^2, which processors round differently.
+    expected = expected_db2(radio_map, separable_prior(radio_map))
+    np.testing.assert_allclose(covariance_db2(unknown), expected, atol=3e-6 * 98)
     normal = np.random.default_rng(0).standard_normal((5, 36), np.float32)
     traced_db = jax.jit(lambda u, n: u.draw(n))(jax.tree.map(jnp.asarray, unknown), jnp.asarray(normal))
     np.testing.assert_allclose(traced_db, unknown.draw(normal), atol=1e-3)

@@ -15,6 +15,7 @@ from cellpilot.learn.algorithms.fqi_her_settings import FQIHER
 from cellpilot.maps.settings import LOGS
 from cellpilot.scenario import RewardSettings, Settings
 from cellpilot.service import adapt
+from cellpilot.service.adapting import ADAPT_FLIGHTS, ADAPT_SEEDS
 from cellpilot.studies.adapt_arms import ARMS
 from cellpilot.studies.adapt_maps import read_place, rewards_of
 from cellpilot.studies.adapt_words import in_words, summary, verdict
@@ -33,8 +34,8 @@ class AdaptOptions(Settings):
     b: tyro.conf.Positional[str] = Field(
         description="the unknown truth, same grid: map file of any format, log (.csv) or scenario"
     )
-    flights: int = Field(100, ge=1, le=10_000, description="flights on the unknown network")
-    seeds: int = Field(20, ge=1, description="seeds 0..N-1 of each arm")
+    flights: int = Field(ADAPT_FLIGHTS, ge=1, le=10_000, description="flights on the unknown network")
+    seeds: int = Field(ADAPT_SEEDS, ge=1, description="seeds 0..N-1 of each arm")
     arms: tuple[str, ...] = Field(tuple(ARMS), description="what is compared", strict=False)
     bin_m: float = Field(LOGS.bin_m, gt=0, allow_inf_nan=False, description="side of a cell of measured logs [m]")
     calibrate: str | None = Field(None, description="map or log of the same network known beforehand: gives A its mean level")

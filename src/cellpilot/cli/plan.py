@@ -14,7 +14,7 @@ from cellpilot.errors import InputError
 from cellpilot.plan.route import Route
 from cellpilot.scenario import AirspaceSettings, RewardSettings, Settings
 from cellpilot.service import open_source, plan
-from cellpilot.service.planning import Flyer
+from cellpilot.service.planning import BEST, Flyer
 from cellpilot.world import World
 
 
@@ -24,7 +24,7 @@ class PlanOptions(Settings):
     source: tyro.conf.Positional[str] = Field("", description="map file, run folder or shipped scenario")
     start: str = Field("", description="cells 12,9,0, metres -50m,120m,30m, or degrees 3.1,101.7,30 (3deg,101deg,30m)")
     goal: str = Field("", description="like --start; write --goal=-50m,120m,30m if it begins with a minus")
-    policy: Flyer = Field("optimal", description="who flies")
+    policy: Flyer = Field(BEST, description="who flies")
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = Field(False, description="print JSON and nothing else")
     task: RewardSettings = RewardSettings()
     airspace: AirspaceSettings = AirspaceSettings()

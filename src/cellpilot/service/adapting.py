@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
+ADAPT_FLIGHTS, ADAPT_SEEDS = 100, 20
+"""Flights on the unknown network, and seeds of each arm, if nobody says."""
+
+
 @dataclass(frozen=True)
 class Adapted:
     """Curves over (arm, seed, flights), the folder that holds them with both maps, and their picture."""
@@ -37,8 +41,8 @@ def adapt(
     a: str,
     b: str,
     *,
-    flights: int = 100,
-    seeds: int = 20,
+    flights: int = ADAPT_FLIGHTS,
+    seeds: int = ADAPT_SEEDS,
     arms: Sequence[str] = tuple(ARMS),
     bin_m: float = LOGS.bin_m,
     calibrate: str | None = None,

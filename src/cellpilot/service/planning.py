@@ -17,6 +17,8 @@ from cellpilot.task import Task
 from cellpilot.world import World
 
 Flyer = Literal["optimal", "greedy", "learned"]
+BEST: Flyer = "optimal"
+"""Who flies if nobody is named."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ def plan(
     source: Source | str | Path,
     start: str | Position,
     goal: str | Position,
-    policy: Flyer = "optimal",
+    policy: Flyer = BEST,
     *,
     task: RewardSettings | None = None,
     airspace: AirspaceSettings | None = None,

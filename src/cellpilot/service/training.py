@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     TellTraining = Callable[[TrainingProgress], None]
 
 BY_SERVICE = "cellpilot.service.train"
+SEED_0 = (0,)
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def train(
     scenario: Scenario | str | Path,
     out: str | Path | None = None,
     *,
-    seeds: Sequence[int] = (0,),
+    seeds: Sequence[int] = SEED_0,
     force: bool = False,
     progress: "TellTraining" = lambda progress: None,
     warn: Warn = as_warning,
