@@ -42,7 +42,7 @@ class Case:
     def layer_sizes(self) -> tuple[int, ...]:
         """Widths of the thesis's network, input and output included: 4, 50, 50, 50, 4."""
         grid = self.world.grid
-        return 2 * grid.n_dimensions, *self.settings.hidden, grid.n_actions
+        return 2 * grid.n_dimensions, *self.settings.hidden, self.world.airspace.n_actions
 
     @property
     def updates(self) -> int:

@@ -143,3 +143,10 @@ def test_three_maps_shows_greedy_optimum_and_learners(capsys: pytest.CaptureFixt
     assert [row[3].split(",")[0] for row in rows] == ["greedy", "optimum", "hasty"]
     assert [row[-1].strip(" |") for row in rows[:2]] == ["0.000", "1.000"]
     assert "(" in rows[2][-1]  # least to greatest of two seeds
+
+
+def test_the_network_that_is_timed_is_the_thesis_one():
+    from ours import thesis_case
+
+    assert thesis_case().layer_sizes == (4, 50, 50, 50, 4)
+    assert thesis_case().updates == 900_000
