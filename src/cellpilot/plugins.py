@@ -26,7 +26,7 @@ def offered(group: str) -> dict[str, Any]:
             raise InputError(f"two packages offer the {GROUPS[group]} {point.name} (one is {point.value}): remove one of them")
         try:
             found[point.name] = point.load()
-        except (ImportError, AttributeError) as error:
+        except Exception as error:  # whatever somebody else's module does at its import
             raise InputError(
                 f"the {GROUPS[group]} {point.name} ({point.value}) cannot be imported ({error}): remove it"
             ) from error

@@ -104,7 +104,7 @@ def test_adapt_leaves_its_folder(tmp_path: Path) -> None:
     )
     assert found.data["score"].dims == ("arm", "seed", "flights")
     assert {path.name for path in found.folder.iterdir()} >= {"adapt.nc", "map-a.nc", "map-b.nc"}
-    assert found.picture.is_file()
+    assert found.draw().is_file()
 
 
 class Packages:
@@ -154,3 +154,22 @@ def test_packages_offer_map_sources_and_exports(
 def test_the_way_to_write_is_asked_of_the_ending(trained: service.Trained, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected a name that ends in \.onnx$"):
         service.export_policy(trained.runs[0].folder, tmp_path / "policy.txt")
+
+
+def test_an_evaluation_of_another_map_is_not_saved_into_the_run(trained: service.Trained) -> None:
+    run = trained.runs[0]
+    elsewhere = service.evaluate(run, run.radio_map.assign(sinr_db=run.radio_map["sinr_db"] + 5), warn=lambda line: None)
+    before = (run.folder / "eval.nc").read_bytes() if (run.folder / "eval.nc").exists() else None
+    with pytest.raises(InputError, match="another map"):
+        elsewhere.save()
+    assert before == ((run.folder / "eval.nc").read_bytes() if (run.folder / "eval.nc").exists() else None)
+
+
+def test_a_package_that_fails_at_its_import_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Failing(EntryPoint):
+        def load(self) -> object:
+            raise ValueError("no licence")
+
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [Failing("bad", "bad:x", group)])
+    with pytest.raises(InputError, match=r"the export bad \(bad:x\) cannot be imported \(no licence\)"):
+        plugins.offered.__wrapped__("cellpilot.exports")

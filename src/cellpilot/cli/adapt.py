@@ -54,7 +54,7 @@ def main(arguments: Sequence[str]) -> int:
     with share_bar("adapt") as progress:
         found = adapt(**asked, command=command_line(), progress=progress, warn=warn)
     _show(found.data)
-    out.print(f"picture: {found.picture}")
+    out.print(f"picture: {found.draw()}")
     return 0
 
 

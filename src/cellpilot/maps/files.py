@@ -52,7 +52,9 @@ def load_map(path: str | Path, *, heights_m: tuple[float, ...] | None = None) ->
     `InputError` names the file and what is wrong with it.
     """
     path = Path(path)
-    read: Callable[..., RadioMap] = _module(path).read
+    read: Callable[..., RadioMap] | None = getattr(_module(path), "read", None)
+    if read is None:
+        raise InputError(f"{path}: the map source of {path.suffix} has no function read(path): remove its package")
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a map (.nc): make one with `cellpilot map`")
     if path.suffix.lower() != ".zarr" and not path.is_file():

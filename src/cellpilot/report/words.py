@@ -6,6 +6,7 @@ from cellpilot.experiment import divergence_warning, threshold_warning
 from cellpilot.report.numbers import EXACT_TO, count, number, percent
 from cellpilot.report.style import policy_line
 from cellpilot.runs.content import Content
+from cellpilot.text import as_flags
 
 
 def summary_paragraphs(run: Content) -> list[str]:
@@ -77,7 +78,7 @@ def _warnings(run: Content) -> list[str]:
     if warning := threshold_warning(run.world, run.task.threshold_db):
         warnings.append(f"Warning: {warning}.")
     if run.parameters is not None and (warning := divergence_warning(run.parameters, run.world, run.task)):
-        warnings.append(f"Warning: {warning}.")
+        warnings.append(f"Warning: {as_flags(warning)}.")
     unreachable = run.metrics.get("unreachable_pairs", 0)
     if unreachable:
         warnings.append(f"{count(unreachable)} start-goal pairs are cut apart by blocked cells and left out.")

@@ -12,7 +12,7 @@ _HOMES = {
     "exporting": ("export_policy", "exports"),
     "planning": ("Planned", "plan"),
     "reporting": ("report",),
-    "sources": ("Source", "load_run", "open_source", "simulate_or_read"),
+    "sources": ("Source", "load_run", "open_source"),
     "training": ("Trained", "resume", "train"),
 }
 

@@ -30,11 +30,17 @@ ADAPT_FLIGHTS, ADAPT_SEEDS = 100, 20
 
 @dataclass(frozen=True)
 class Adapted:
-    """Curves over (arm, seed, flights), the folder that holds them with both maps, and their picture."""
+    """Curves over (arm, seed, flights), the folder that holds them with both maps."""
 
     data: "Dataset"
     folder: Path
-    picture: Path
+
+    def draw(self) -> Path:
+        """Write the picture of the curves into the folder; its path. `WriteError` where it cannot be written."""
+        from cellpilot.report.figures import draw_study
+
+        with hold(self.folder):
+            return draw_study(self.folder, "adapt")
 
 
 def adapt(
@@ -76,6 +82,4 @@ def adapt(
         save_map(map_a, folder / "map-a.nc")
         save_map(map_b, folder / "map-b.nc")
         save_netcdf(data, folder / "adapt.nc")
-        from cellpilot.report.figures import draw_study
-
-        return Adapted(data, folder, draw_study(folder, "adapt"))
+    return Adapted(data, folder)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cellpilot.errors import InputError
 from cellpilot.evaluate import Evaluation
 from cellpilot.evaluate.evaluation import Progress, most_goals
 from cellpilot.experiment import divergence_warning, make_world, threshold_warning
@@ -32,7 +33,10 @@ class Evaluated:
         return self.on_own_map and self.run.saved
 
     def save(self) -> Path:
-        """Write `eval.nc` into the run's folder; `WriteError` where it cannot be written."""
+        """Write `eval.nc` into the run's folder; `WriteError` where it cannot be, `InputError` where it does not belong."""
+        if not self.can_be_saved:
+            why = "a shipped policy has no folder" if self.on_own_map else "it is of another map than the run's"
+            raise InputError(f"{self.run.folder}: the evaluation cannot be saved there: {why}")
         return save_evaluation(self.run, self.evaluation)
 
 

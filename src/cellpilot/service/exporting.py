@@ -15,12 +15,12 @@ from cellpilot.storage import resolved
 
 Export = Callable[[PolicyParameters, Path], None]
 """Writes a policy to a file."""
+OWN_EXPORTS: dict[str, Export] = {"onnx": save_onnx}
 
 
 def exports() -> dict[str, Export]:
     """Writers by the ending of the file: our own, and those of installed packages (entry points `cellpilot.exports`)."""
-    own: dict[str, Export] = {"onnx": save_onnx}
-    return offered("cellpilot.exports") | own
+    return offered("cellpilot.exports") | OWN_EXPORTS
 
 
 def export_policy(source: str | Path, file: str | Path) -> PolicyParameters:
@@ -34,7 +34,8 @@ def export_policy(source: str | Path, file: str | Path) -> PolicyParameters:
     same = resolved(file) == resolved(path)
     if same or (path.is_dir() and resolved(file.parent) == resolved(path) and file.name in FILES):
         raise InputError(f"{file}: is read or a file of the run, and would be overwritten; choose another name")
-    write = exports().get(file.suffix.removeprefix("."))
+    ending = file.suffix.removeprefix(".")
+    write = OWN_EXPORTS.get(ending) or exports().get(ending)
     if write is None:
         raise InputError(f"{file}: expected a name that ends in {' or '.join(f'.{name}' for name in sorted(exports()))}")
     parameters = _parameters(str(source), path)

@@ -3,13 +3,12 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cellpilot.evaluate.evaluation import Progress
 from cellpilot.experiment import build_map, shipped_policy
 from cellpilot.maps import RadioMap, load_map
 from cellpilot.policies import PolicyParameters
 from cellpilot.runs import Run, open_run, open_run_or_shipped, origin_warning
-from cellpilot.scenario import SHIPPED, AirspaceSettings, MapSettings, RewardSettings, find_scenario, load_scenario
-from cellpilot.service.callbacks import Warn, as_warning, tell, untold
+from cellpilot.scenario import SHIPPED, AirspaceSettings, RewardSettings, find_scenario, load_scenario
+from cellpilot.service.callbacks import Warn, as_warning, tell
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,3 @@ def open_source(source: str | Path, warn: Warn = as_warning) -> Source:
         scenario = load_scenario(file)
         return Source(str(source), build_map(scenario.map), scenario.task, scenario.airspace, shipped_policy(file))
     return Source(str(source), load_map(path))
-
-
-def simulate_or_read(source: str | Path | MapSettings, progress: Progress = untold) -> RadioMap:
-    """The map that settings ask for (simulated, gridded from logs, or read), or that of whatever `open_source` opens."""
-    return open_source(source).radio_map if isinstance(source, str | Path) else build_map(source, progress=progress)
