@@ -17,4 +17,4 @@ _HOMES = {
 }
 
 __all__ = ["__version__", *sorted(name for names in _HOMES.values() for name in names)]
-__getattr__ = loader(__name__, _HOMES)
+__getattr__, __dir__ = loader(__name__, _HOMES)

@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from collections.abc import Container
 
 PLAIN = {
     "\u202f": " ",
@@ -69,6 +70,11 @@ def _letter(letter: str, encoding: str) -> str:
 
 
 ARGUMENT = re.compile(r"`([a-z]\w*(?:\.[a-z]\w*)*)`")
+
+
+def in_section(section: str, message: str, names: Container[str]) -> str:
+    """A message in which the arguments of these names are named as settings of a section (`map.altitude_m`)."""
+    return ARGUMENT.sub(lambda found: f"`{section}.{found[1]}`" if found[1] in names else found[0], message)
 
 
 def as_flags(message: str) -> str:

@@ -1,6 +1,7 @@
 """The verbs as functions: what they return, what they tell, and that they are all that the commands do."""
 
 import json
+import re
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -87,21 +88,22 @@ def test_errors_name_arguments_here_and_options_on_the_command_line(
         service.plan(run, "here", "9,9,0")
     assert main(["plan", str(run), "--start", "here", "--goal", "9,9,0"]) == 2
     assert capsys.readouterr().err.startswith("cellpilot: --start is 'here'; expected three cells")
-    with pytest.raises(InputError, match=r"^`seeds` are 1, 1; expected different ones"):
+    with pytest.raises(InputError, match=r"^`seeds` are 1, 1; expected different ones$"):
         service.train(scenario, tmp_path / "twice", seeds=(1, 1))
     with pytest.raises(InputError, match=r"is not empty; .*replace it with `force`"):
         service.train(scenario, run)
     assert not (tmp_path / "twice").exists()
     with pytest.raises(InputError, match=r"^`arms` none: no such arm"):
-        service.adapt("quick", "quick", arms=("none",))
+        service.adapt("quick", "quick", service.AdaptSettings(arms=("none",)))
     with pytest.raises(InputError, match=r"expected optimal, greedy or learned"):
         service.plan(run, (0, 0, 0), (9, 9, 0), "best")  # type: ignore[arg-type]
 
 
+BRIEF = service.AdaptSettings(flights=2, seeds=1, arms=("map-prior",))
+
+
 def test_adapt_leaves_its_folder(tmp_path: Path) -> None:
-    found = service.adapt(
-        "quick", "quick", flights=2, seeds=1, arms=("map-prior",), out=tmp_path / "study", warn=lambda line: None
-    )
+    found = service.adapt("quick", "quick", BRIEF, out=tmp_path / "study", warn=lambda line: None)
     assert found.data["score"].dims == ("arm", "seed", "flights")
     assert {path.name for path in found.folder.iterdir()} >= {"adapt.nc", "map-a.nc", "map-b.nc"}
     assert found.draw().is_file()
@@ -173,3 +175,69 @@ def test_a_package_that_fails_at_its_import_is_named(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(plugins, "entry_points", lambda group: [Failing("bad", "bad:x", group)])
     with pytest.raises(InputError, match=r"the export bad \(bad:x\) cannot be imported \(no licence\)"):
         plugins.offered.__wrapped__("cellpilot.exports")
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"seeds": 0}, {"flights": 0}, {"arms": ()}, {"arms": "map-prior"}, {"bin_m": -1.0}, {"deep_rounds": 0}]
+)
+def test_settings_of_adapt_have_bounds(wrong: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=f"^{next(iter(wrong))} is "):
+        BRIEF.changed(**wrong)
+
+
+@pytest.mark.parametrize("seeds", [3, (), (0.5,), (-1,), (True,)])
+def test_seeds_are_whole_numbers(scenario: Scenario, tmp_path: Path, seeds: object) -> None:
+    with pytest.raises(InputError, match=r"^`seeds` is .*; expected whole numbers"):
+        service.train(scenario, tmp_path / "run", seeds=seeds)  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("start", [None, (0.5, 0, 0), ("0", "0", "0"), (99, 0, 0), (0, 0)])
+def test_places_are_cells_of_the_grid_or_text(trained: service.Trained, start: object) -> None:
+    with pytest.raises(InputError, match=r"^`start` .*expected"):
+        service.plan(trained.runs[0], start, (9, 9, 0))  # type: ignore[arg-type]
+
+
+def test_one_folder_is_resumed(trained: service.Trained) -> None:
+    assert service.resume(trained.runs[0].folder).finished
+    with pytest.raises(InputError, match="nowhere: no such run folder"):
+        service.resume("nowhere")
+
+
+def test_a_warning_points_at_whoever_called(trained: service.Trained) -> None:
+    with pytest.warns(UserWarning, match="hardly anything to avoid") as told:
+        service.plan(trained.runs[0], (0, 0, 0), (9, 9, 0), task=RewardSettings(threshold_db=-90.0))
+    assert told[0].filename == __file__
+
+
+def test_names_of_the_verbs_are_listed() -> None:
+    assert {"plan", "train", "AdaptSettings"} <= set(dir(service))
+
+
+@pytest.mark.parametrize(
+    ("point", "wrong"),
+    [
+        (EntryPoint("nc", f"{__name__}:Packages", "cellpilot.map_sources"), "its name is taken"),
+        (EntryPoint("XYZ", f"{__name__}:Packages", "cellpilot.map_sources"), "not in small letters"),
+        (EntryPoint("level", f"{__name__}:BRIEF", "cellpilot.map_sources"), r"has no function read\(path\)"),
+        (EntryPoint("onnx", f"{__name__}:Packages.write_sides", "cellpilot.exports"), "its name is taken"),
+        (EntryPoint("txt", "no_such_module:x", "cellpilot.exports"), "cannot be imported"),
+    ],
+    ids=["taken ending", "capitals", "no read", "taken export", "not importable"],
+)
+def test_offers_that_cannot_be_used_fail_in_doctor_and_stop_nothing_else(
+    monkeypatch: pytest.MonkeyPatch,
+    trained: service.Trained,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    point: EntryPoint,
+    wrong: str,
+) -> None:
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [point] if group == point.group else [])
+    plugins.offered.cache_clear()
+    try:
+        assert main(["doctor"]) == 1
+        assert re.search(f"FAIL .*{wrong}", capsys.readouterr().out)
+        service.export_policy(trained.runs[0].folder, tmp_path / "policy.onnx")
+    finally:
+        plugins.offered.cache_clear()

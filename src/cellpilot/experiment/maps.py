@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cellpilot.errors import InputError
 from cellpilot.radio.settings import HexagonalSettings
 from cellpilot.scenario import LogSettings, MapFile, MapSettings, MeasuredMap, SimulatedMap
+from cellpilot.text import in_section
 
 if TYPE_CHECKING:
     from cellpilot.maps import Anchor, LogOptions, RadioMap, SiteList
@@ -27,7 +28,10 @@ def build_map(
     if isinstance(settings, MapFile):
         return load_map(settings.path)
     if isinstance(settings, MeasuredMap):
-        return make_measured_map(settings, anchor, progress)
+        try:
+            return make_measured_map(settings, anchor, progress)
+        except InputError as error:
+            raise InputError(in_section("map", str(error), MeasuredMap.model_fields)) from error
     return make_simulated_map(settings, progress)
 
 

@@ -63,4 +63,4 @@ _HOMES = {
     "sources.simulated": ("simulate_map",),
     "sources.sites": ("SiteList", "read_sites", "write_sites"),
 }
-__getattr__ = loader(__name__, _HOMES)
+__getattr__, __dir__ = loader(__name__, _HOMES)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from cellpilot.errors import InputError
 from cellpilot.maps.schema import RadioMap, validate
-from cellpilot.plugins import offered
+from cellpilot.plugins import offered, refuse_taken
 
 
 class Format(NamedTuple):
@@ -52,9 +52,7 @@ def load_map(path: str | Path, *, heights_m: tuple[float, ...] | None = None) ->
     `InputError` names the file and what is wrong with it.
     """
     path = Path(path)
-    read: Callable[..., RadioMap] | None = getattr(_module(path), "read", None)
-    if read is None:
-        raise InputError(f"{path}: the map source of {path.suffix} has no function read(path): remove its package")
+    read: Callable[..., RadioMap] = _module(path).read
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a map (.nc): make one with `cellpilot map`")
     if path.suffix.lower() != ".zarr" and not path.is_file():
@@ -78,13 +76,33 @@ def _check_raster(path: Path, option: str) -> None:
         raise InputError(f"{path}: {option} can be asked of GeoTIFF only: leave it out, or name a .tif")
 
 
+def map_sources() -> dict[str, Any]:
+    """What installed packages read maps with, by the ending of the file without its dot.
+
+    `InputError` names one that has no `read`, or an ending that is ours.
+    """
+    found = {}
+    for ending, (source, origin) in offered(SOURCES).items():
+        refuse_taken(SOURCES, ending, origin, [suffix.removeprefix(".") for suffix in MAP_FORMATS])
+        if not callable(getattr(source, "read", None)):
+            raise InputError(f"the map source {ending} ({origin}) has no function read(path): remove it")
+        found[ending] = source
+    return found
+
+
+def is_map(path: Path) -> bool:
+    """Whether the file's name ends as that of a map."""
+    return path.suffix.lower() in MAP_FORMATS or path.suffix.lower().removeprefix(".") in map_sources()
+
+
 def _module(path: Path) -> Any:
     """A module of `formats/`, with `read(path)`, `write(map, path)` and `has_checksum(path)`, or what a package offers."""
     ending = path.suffix.lower()
     if ending in MAP_FORMATS:
         return import_module(f"cellpilot.maps.formats.{MAP_FORMATS[ending].module}")
-    others = offered(SOURCES)
+    others = map_sources()
     if ending.removeprefix(".") in others:
         return others[ending.removeprefix(".")]
-    known = ", ".join([*(f"{suffix} ({f.name})" for suffix, f in MAP_FORMATS.items()), *(f".{name}" for name in others)])
-    raise InputError(f"{path}: maps are read from and written to {known}; choose one of these endings")
+    known = ", ".join(f"{suffix} ({f.name})" for suffix, f in MAP_FORMATS.items())
+    more = f", and with installed packages from {', '.join(f'.{name}' for name in others)}" if others else ""
+    raise InputError(f"{path}: maps are read from and written to {known}{more}; choose one of these endings")

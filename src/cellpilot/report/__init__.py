@@ -11,4 +11,4 @@ if TYPE_CHECKING:
 __all__ = ["text_table", "write_report"]
 
 # Matplotlib is slow to import, and the command line shows its help without it.
-__getattr__ = loader(__name__, {"report": ("write_report",), "tables": ("text_table",)})
+__getattr__, __dir__ = loader(__name__, {"report": ("write_report",), "tables": ("text_table",)})

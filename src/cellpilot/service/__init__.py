@@ -7,7 +7,7 @@ are hardly what was wanted; without it they are Python warnings. Errors (`cellpi
 from cellpilot.lazy import loader
 
 _HOMES = {
-    "adapting": ("Adapted", "adapt"),
+    "adapting": ("AdaptSettings", "Adapted", "adapt"),
     "evaluating": ("Evaluated", "evaluate"),
     "exporting": ("export_policy", "exports"),
     "planning": ("Planned", "plan"),
@@ -17,4 +17,4 @@ _HOMES = {
 }
 
 __all__ = sorted(name for names in _HOMES.values() for name in names)
-__getattr__ = loader(__name__, _HOMES)
+__getattr__, __dir__ = loader(__name__, _HOMES)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cellpilot.errors import InputError
 from cellpilot.experiment import shipped_policy
-from cellpilot.plugins import offered
+from cellpilot.plugins import offered, refuse_taken
 from cellpilot.policies import PolicyParameters, load_parameters
 from cellpilot.policies.onnx_file import save_onnx
 from cellpilot.runs import open_run
@@ -16,11 +16,17 @@ from cellpilot.storage import resolved
 Export = Callable[[PolicyParameters, Path], None]
 """Writes a policy to a file."""
 OWN_EXPORTS: dict[str, Export] = {"onnx": save_onnx}
+GROUP_OF_EXPORTS = "cellpilot.exports"
+"""Entry points of other packages: ending without its dot -> what writes a policy to a file."""
 
 
 def exports() -> dict[str, Export]:
     """Writers by the ending of the file: our own, and those of installed packages (entry points `cellpilot.exports`)."""
-    return offered("cellpilot.exports") | OWN_EXPORTS
+    found = dict(OWN_EXPORTS)
+    for name, (write, origin) in offered(GROUP_OF_EXPORTS).items():
+        refuse_taken(GROUP_OF_EXPORTS, name, origin, OWN_EXPORTS)
+        found[name] = write
+    return found
 
 
 def export_policy(source: str | Path, file: str | Path) -> PolicyParameters:
@@ -31,9 +37,10 @@ def export_policy(source: str | Path, file: str | Path) -> PolicyParameters:
     file, path = Path(file), Path(source)
     if file.is_dir():
         raise InputError(f"{file}: a folder; expected the file to write, for example {file}/policy.onnx")
-    same = resolved(file) == resolved(path)
-    if same or (path.is_dir() and resolved(file.parent) == resolved(path) and file.name in FILES):
-        raise InputError(f"{file}: is read or a file of the run, and would be overwritten; choose another name")
+    if resolved(file) == resolved(path):
+        raise InputError(f"{file}: is read and would be overwritten; choose another name")
+    if path.is_dir() and resolved(file.parent) == resolved(path) and file.name in FILES:
+        raise InputError(f"{file}: a file of the run, which would be overwritten; choose another name")
     ending = file.suffix.removeprefix(".")
     write = OWN_EXPORTS.get(ending) or exports().get(ending)
     if write is None:
@@ -53,5 +60,5 @@ def _parameters(source: str, path: Path) -> PolicyParameters:
     else:
         raise InputError(f"{source}: no such run folder, shipped scenario or policy file (.safetensors)")
     if parameters is None:
-        raise InputError(f"{source} holds no trained policy; train first (cellpilot train)")
+        raise InputError(f"{source} holds no trained policy; train first")
     return parameters

@@ -4,12 +4,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from cellpilot.errors import InputError
 from cellpilot.experiment import make_task, make_world, threshold_warning
 from cellpilot.grid import Position
 from cellpilot.maps import RadioMap, anchor_of, to_degrees, to_local
 from cellpilot.plan.route import Route, parse_place, plan_route, route_payload
 from cellpilot.policies import GreedyPolicy, LearnedPolicy, OptimalPolicy, Policy
+from cellpilot.runs import Run
 from cellpilot.scenario import AirspaceSettings, RewardSettings
 from cellpilot.service.callbacks import Warn, as_warning, tell
 from cellpilot.service.sources import Source, open_source
@@ -38,7 +41,7 @@ class Planned:
 
 
 def plan(
-    source: Source | str | Path,
+    source: Source | Run | str | Path,
     start: str | Position,
     goal: str | Position,
     policy: Flyer = BEST,
@@ -60,11 +63,18 @@ def plan(
     local = None if anchor is None else lambda latitude_deg, longitude_deg: to_local(latitude_deg, longitude_deg, anchor)
     ends = {"start": start, "goal": goal}
     first, last = (
-        parse_place(place, f"`{name}`", world, local) if isinstance(place, str) else place for name, place in ends.items()
+        parse_place(place, f"`{name}`", world, local) if isinstance(place, str) else _position(place, f"`{name}`", world)
+        for name, place in ends.items()
     )
     flyer = _policy(opened, policy, world, priced)
     tell(warn, threshold_warning(world, priced.threshold_db))
     return Planned(plan_route(world, priced, flyer, first, last), world, opened.radio_map)
+
+
+def _position(place: Position, what: str, world: World) -> Position:
+    if not isinstance(place, tuple) or not all(isinstance(index, int | np.integer) for index in place):
+        raise InputError(f"{what} is {place!r}; expected three cells like (12, 9, 0), or text")
+    return world.grid.check_position(place, what)
 
 
 def _policy(source: Source, name: str, world: World, task: Task) -> Policy:

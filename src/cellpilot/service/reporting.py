@@ -32,4 +32,5 @@ def report(
             warn(f"eval.nc was made with another {' and another '.join(changed)}: evaluating again")
         if changed is None or changed:
             save_evaluation(settled, evaluate_run(settled, progress=progress))
+        progress(1.0)
         return write_report(settled.folder)

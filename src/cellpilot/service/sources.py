@@ -27,15 +27,15 @@ def load_run(name: str | Path) -> Run:
     return open_run_or_shipped(str(name))
 
 
-def open_source(source: str | Path, warn: Warn = as_warning) -> Source:
-    """What a map file, a run folder or a scenario (TOML file or shipped name) holds; `InputError` if it is none of them."""
-    path = Path(source)
-    if path.is_dir() and path.suffix.lower() != ".zarr":
-        run = open_run(path)
+def open_source(source: Run | str | Path, warn: Warn = as_warning) -> Source:
+    """What a run, a map file, a run folder or a scenario (TOML file or shipped name) holds; `InputError` if none."""
+    path = source.folder if isinstance(source, Run) else Path(source)
+    if isinstance(source, Run) or (path.is_dir() and path.suffix.lower() != ".zarr"):
+        run = source if isinstance(source, Run) else open_run(path)
         parameters = run.parameters()
         if parameters is not None:
             tell(warn, origin_warning(parameters, run.radio_map, run.task, run.seed))
-        return Source(str(source), run.radio_map, run.scenario.task, run.scenario.airspace, parameters)
+        return Source(str(path), run.radio_map, run.scenario.task, run.scenario.airspace, parameters)
     if path.suffix == ".toml" or (SHIPPED / f"{source}.toml").is_file():
         file = find_scenario(str(source))
         scenario = load_scenario(file)

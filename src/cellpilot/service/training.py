@@ -57,13 +57,13 @@ def train(
 
 
 def resume(
-    folders: Sequence[str | Path],
+    folders: str | Path | Sequence[str | Path],
     *,
     progress: "TellTraining" = lambda progress: None,
     warn: Warn = as_warning,
 ) -> Trained:
-    """Go on with trainings that were interrupted, with their own settings and seeds; all at once."""
-    with resumed(folders, warn) as runs:
+    """Go on with the trainings in one or more run folders, with their own settings and seeds; all at once."""
+    with resumed([folders] if isinstance(folders, str | Path) else folders, warn) as runs:
         return Trained(runs, train_held(runs, progress, warn))
 
 
@@ -86,8 +86,10 @@ def started(
     warn: Warn = as_warning,
 ) -> "Iterator[list[Run]]":
     """New runs, one for each seed, held until the end; `InputError` where a folder is in use or not empty."""
-    if not seeds or len(set(seeds)) < len(seeds) or not all(0 <= seed < 2**31 for seed in seeds):
-        raise InputError(f"`seeds` are {', '.join(map(str, seeds)) or 'none'}; expected different ones from 0 to {2**31 - 1}")
+    if not isinstance(seeds, Sequence) or not seeds or not all(type(seed) is int and 0 <= seed < 2**31 for seed in seeds):
+        raise InputError(f"`seeds` is {seeds!r}; expected whole numbers from 0 to {2**31 - 1}, such as (0, 1, 2)")
+    if len(set(seeds)) < len(seeds):
+        raise InputError(f"`seeds` are {', '.join(map(str, seeds))}; expected different ones")
     folders = run_folders(scenario.name, out, seeds)
     with ExitStack() as held:
         for folder in folders:

@@ -33,11 +33,11 @@ WHOLE_AREA_M = 100_000.0
 
 
 def read_place(text: str, bin_m: float) -> tuple[MapSettings, Scenario | None]:
-    """What A or B names: a RadioMap file (.nc, .zarr, .tif), a measured log (.csv), or a scenario by file or name."""
-    from cellpilot.maps.files import MAP_FORMATS
+    """What A or B names: a RadioMap file (any but .csv), a measured log (.csv), or a scenario by file or name."""
+    from cellpilot.maps.files import is_map
 
     suffix = Path(text).suffix.lower()
-    if suffix in MAP_FORMATS and suffix != ".csv":
+    if is_map(Path(text)) and suffix != ".csv":
         return MapFile(path=Path(text)), None
     if suffix == ".csv":
         return MeasuredMap(logs=(Path(text),), bin_m=bin_m, fill_radius_m=WHOLE_AREA_M), None

@@ -26,10 +26,10 @@ def learners() -> dict[str, type[LearnerSettings]]:
     `InputError` names an entry point that cannot be imported, is no `LearnerSettings`, or takes a name that is taken.
     """
     found = dict(OWN)
-    for name, settings in offered(GROUP).items():
+    for name, (settings, origin) in offered(GROUP).items():
         if not (isinstance(settings, type) and issubclass(settings, LearnerSettings)):
-            raise InputError(f"the learner {name} ({settings}) is no subclass of cellpilot.learn.LearnerSettings")
+            raise InputError(f"the learner {name} ({origin}) is no subclass of cellpilot.learn.LearnerSettings")
         if name in found or settings.model_fields["algorithm"].default != name:
-            raise InputError(f"the learner {name} ({settings}): its field algorithm has to be that name, and no other's")
+            raise InputError(f"the learner {name} ({origin}): its field algorithm has to be that name, and no other's")
         found[name] = settings
     return found
